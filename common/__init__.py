@@ -1,0 +1,1 @@
+"""What two or more of JouleSwarm's processes share: scenario, topics, payloads, bus, network, energy."""

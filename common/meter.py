@@ -1,0 +1,100 @@
+"""Byte counters, the same on both sides of the bus: facts only, never prices.
+
+MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length)) + remaining_length.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict
+
+from common.topics import Link, arm_of, link_of, phase_of
+
+Direction = Literal["in", "out"]
+Side = Literal["broker", "client"]
+
+
+class MeterRow(BaseModel):
+    """Cumulative traffic of one client on one topic, in one direction as `side` sees it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    side: Side
+    arm: str
+    phase: str
+    topic: str
+    link: Link
+    client: str
+    direction: Direction
+    messages: int
+    payload_bytes: int
+    packet_bytes: int
+
+
+class _Key(NamedTuple):
+    client: str
+    topic: str
+    direction: Direction
+
+
+class Meter:
+    """Counts messages, payload bytes and packet bytes per (client, topic, direction). Thread-safe."""
+
+    def __init__(self, side: Side) -> None:
+        self._side: Side = side
+        self._counts: dict[_Key, list[int]] = {}
+        self._lock = threading.Lock()
+
+    def count(self, client: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
+        """Book one PUBLISH packet; topics without a link class are not metered."""
+        if link_of(topic) is None:
+            return
+        with self._lock:
+            counts = self._counts.setdefault(_Key(client, topic, direction), [0, 0, 0])
+            counts[0] += 1
+            counts[1] += payload_bytes
+            counts[2] += packet_bytes
+
+    def rows(self) -> list[MeterRow]:
+        """The counters as rows, in a stable order."""
+        with self._lock:
+            items = sorted((key, tuple(value)) for key, value in self._counts.items())
+        return [self._row(key, *value) for key, value in items]
+
+    def _row(self, key: _Key, messages: int, payload_bytes: int, packet_bytes: int) -> MeterRow:
+        link = link_of(key.topic)
+        assert link is not None  # held by count()
+        return MeterRow(
+            side=self._side,
+            arm=arm_of(key.topic),
+            phase=phase_of(key.topic),
+            topic=key.topic,
+            link=link,
+            client=key.client,
+            direction=key.direction,
+            messages=messages,
+            payload_bytes=payload_bytes,
+            packet_bytes=packet_bytes,
+        )
+
+
+def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
+    """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
+    return packet_bytes(2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes)
+
+
+def packet_bytes(remaining_length: int) -> int:
+    """Size of a whole packet from its remaining length (MQTT 3.1.1, section 2.2.3)."""
+    varint = 1
+    while remaining_length >= 128**varint:
+        varint += 1
+    return 1 + varint + remaining_length
+
+
+def received(rows: Iterable[MeterRow], side: Side) -> list[MeterRow]:
+    """Rows of what subscribers got, as `side` counted it: the broker's deliveries or the clients' receipts."""
+    direction = "out" if side == "broker" else "in"
+    return [row for row in rows if row.side == side and row.direction == direction]

@@ -1,0 +1,116 @@
+"""The only place where topic strings are made and read.
+
+``jouleswarm/<run>/<arm>/<link>/...`` with link one of ul, dl, sl, ctl, tlm. The arm is a level of the
+topic so that per-topic byte counters need no further knowledge to be priced arm by arm.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+ROOT = "jouleswarm"
+
+SHARED = "all"  # the arm level of control traffic that serves every arm
+
+# The broker's cumulative counters (retained) and the request for a fresh copy. A report cannot count
+# itself, so neither these nor `meter_report` topics are ever metered.
+BROKER_METER = f"{ROOT}/meter/broker"
+BROKER_METER_ASK = f"{ROOT}/meter/ask"
+
+
+class Link(StrEnum):
+    """The link class that a topic's bytes are priced as."""
+
+    UPLINK = "uplink"
+    DOWNLINK = "downlink"
+    SIDELINK = "sidelink"
+    CONTROL = "control"
+
+
+_LINKS = {
+    "ul": Link.UPLINK,
+    "dl": Link.DOWNLINK,
+    "sl": Link.SIDELINK,
+    "ctl": Link.CONTROL,
+    "tlm": Link.CONTROL,
+}
+_PHASES = {Link.UPLINK: "maml", Link.DOWNLINK: "maml", Link.SIDELINK: "fl", Link.CONTROL: "control"}
+
+
+def experience(run: str, arm: str, task: int, agent: int) -> str:
+    """Raw observations of one training robot, one message a motion."""
+    return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/experience"
+
+
+def meta_model(run: str, arm: str) -> str:
+    """The meta-model, from the data center to every robot."""
+    return f"{ROOT}/{run}/{arm}/dl/meta"
+
+
+def weights(run: str, arm: str, task: int, agent: int) -> str:
+    """A robot's weights of one round, to its neighbours."""
+    return f"{ROOT}/{run}/{arm}/sl/{task}/{agent}/weights"
+
+
+def presence(run: str, task: int, agent: int) -> str:
+    """Retained: where a robot stands (see `payloads.Presence`); its last will too. The data center is 0, 0."""
+    return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/presence"
+
+
+def resend(run: str, arm: str, task: int, agent: int) -> str:
+    """Asks robot `agent` to publish its weights of a round again."""
+    return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/resend"
+
+
+def meta_round(run: str, arm: str) -> str:
+    """Retained: the MAML round whose experience the data center wants next."""
+    return f"{ROOT}/{run}/{arm}/ctl/meta/round"
+
+
+def meta_resend(run: str, arm: str) -> str:
+    """Asks the data center to publish the meta-model again."""
+    return f"{ROOT}/{run}/{arm}/ctl/meta/resend"
+
+
+def telemetry(run: str, arm: str, client: str) -> str:
+    """Rows for `rounds.jsonl`, one message a row."""
+    return f"{ROOT}/{run}/{arm}/tlm/{client}/round"
+
+
+def learned(run: str, arm: str, task: int) -> str:
+    """The learned weights of a task, for the run directory."""
+    return f"{ROOT}/{run}/{arm}/tlm/{task}/learned"
+
+
+def meter_report(run: str, client: str) -> str:
+    """A client's final byte counters."""
+    return f"{ROOT}/{run}/meter/{client}"
+
+
+def link_of(topic: str) -> Link | None:
+    """Link class of a topic, or None where the topic is not metered (meter reports, foreign topics)."""
+    levels = topic.split("/", 4)
+    if len(levels) < 5 or levels[0] != ROOT:
+        return None
+    return _LINKS.get(levels[3])
+
+
+def run_of(topic: str) -> str:
+    """Run name of a metered topic."""
+    return topic.split("/", 3)[1]
+
+
+def arm_of(topic: str) -> str:
+    """Arm of a metered topic."""
+    return topic.split("/", 4)[2]
+
+
+def phase_of(topic: str) -> str:
+    """Learning phase (maml, fl or control) that a metered topic's bytes belong to."""
+    link = link_of(topic)
+    return _PHASES[link] if link else "control"
+
+
+def parse(topic: str) -> tuple[str, ...]:
+    """Levels of a topic after root and run."""
+    return tuple(topic.split("/")[2:])
