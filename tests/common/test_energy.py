@@ -1,0 +1,151 @@
+"""Equations (8)-(12) against values worked out by hand from the paper's Table I."""
+
+from dataclasses import astuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import energy as e
+from common.scenario import Energy, Federation
+
+PAPER = Energy()
+REVERSED = Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3)
+
+
+def test_one_gradient_costs_power_times_batch_time() -> None:
+    assert e.data_center_gradient_j(PAPER) == pytest.approx(11.8)  # 590 W x 20 ms
+    assert e.robot_gradient_j(PAPER) == pytest.approx(2.04)  # 5.1 W x 400 ms
+
+
+def test_one_maml_round_of_three_robots() -> None:
+    counts = e.closed_form(1, 3, [])
+    assert (counts.gradients_support, counts.gradients_query) == (30, 30)  # 3 robots x 10 batches
+    # 1.67 x 60 gradients x 11.8 J = 1182.36 J; 3 x 24.6 MB x 8 bit / 200 kb/J = 3 x 984 J = 2952 J
+    bill = e.bill(counts, PAPER)
+    assert bill.ml_learning_j == pytest.approx(1182.36)
+    assert bill.ml_communication_j == pytest.approx(2952.0)
+    assert bill.ml_j == pytest.approx(4134.36)
+    assert bill.fl_j == 0
+
+
+def test_one_fl_round_of_a_pair() -> None:
+    bill = e.bill(e.closed_form(0, 3, [e.ClusterRounds(1)]), PAPER)
+    assert bill.fl_learning_j == pytest.approx(81.6)  # 2 robots x 20 batches x 2.04 J
+    assert bill.fl_communication_j == pytest.approx(179.2)  # 2 links x 5.6 MB x 8 bit / 500 kb/J
+    assert bill.total_j == pytest.approx(260.8)
+    assert bill.ml_j == 0
+
+
+def test_the_meta_model_goes_down_once_to_every_robot() -> None:
+    pairs = [e.ClusterRounds(0)] * 6
+    # 12 robots x 5.6 MB x 8 bit / 200 kb/J = 12 x 224 J
+    assert e.ml_communication_j(0, e.closed_form(1, 3, pairs).downlink_bytes, PAPER) == pytest.approx(2688.0)
+    assert e.closed_form(0, 3, pairs) == e.Counts()
+
+
+def test_downlink_is_priced_as_uplink_unless_given() -> None:
+    assert e.ml_communication_j(0, 1000, PAPER) == pytest.approx(0.04)  # 8000 bit / 200 kb/J
+    assert e.ml_communication_j(0, 1000, Energy(dl_bit_per_j=800e3)) == pytest.approx(0.01)
+
+
+def test_beta_weighs_the_query_gradients_only() -> None:
+    # 1.67 x (10 + 2.5 x 10) x 11.8 J = 1.67 x 35 x 11.8
+    assert e.ml_learning_j(10, 10, Energy(beta=2.5)) == pytest.approx(689.71)
+
+
+def test_pue_is_not_applied_to_robots() -> None:
+    assert e.fl_learning_j(40, Energy(pue=3.0)) == pytest.approx(81.6)
+
+
+def test_via_base_station_a_pair_pays_uplink_plus_pue_times_downlink() -> None:
+    station = Energy(sidelink="via_base_station", dl_bit_per_j=400e3)
+    # each of 2 messages: 44.8 Mbit / 200 kb/J = 224 J up, 1.67 x 44.8 Mbit / 400 kb/J = 187.04 J down
+    counts = e.closed_form(0, 0, [e.ClusterRounds(1)])
+    assert e.bill(counts, station).fl_communication_j == pytest.approx(2 * (224 + 187.04))
+
+
+def test_via_base_station_a_message_goes_up_once_and_down_to_each_neighbour() -> None:
+    station = Energy(sidelink="via_base_station")
+    counts = e.closed_form(0, 0, [e.ClusterRounds(10, robots=4, links=12)])
+    assert counts.sidelink_sent_bytes == 10 * 4 * 5.6e6
+    assert counts.sidelink_bytes == 10 * 12 * 5.6e6
+    # 40 x 224 J up, 120 x 1.67 x 224 J down
+    assert e.bill(counts, station).fl_communication_j == pytest.approx(8960 + 44889.6)
+
+
+def test_a_lone_robot_sends_nothing() -> None:
+    counts = e.closed_form(0, 0, [e.ClusterRounds(10, robots=1, links=0)])
+    assert (counts.sidelink_bytes, counts.sidelink_sent_bytes, counts.gradients_robots) == (0, 0, 200)
+
+
+def test_the_papers_experiment_by_the_literal_equations() -> None:
+    table_ii = [6.7, 29.1, 16.5, 27.7, 32, 17.2]  # t0 = 210, sums to 129.2
+    bill = e.bill(e.closed_form(210, 3, [e.ClusterRounds(t) for t in table_ii]), PAPER)
+    assert bill.ml_learning_j == pytest.approx(210 * 1182.36)
+    assert bill.ml_communication_j == pytest.approx(210 * 2952 + 2688)
+    assert bill.fl_j == pytest.approx(129.2 * 260.8)
+    assert bill.total_j == pytest.approx(868_215.6 + 2688 + 33_695.36)
+
+
+def test_reversed_efficiencies() -> None:
+    bill = e.bill(e.closed_form(1, 3, [e.ClusterRounds(1)]), REVERSED)
+    # up 3 x 393.6 J, down 2 x 89.6 J; sidelink 2 x 44.8 Mbit / 200 kb/J
+    assert bill.ml_communication_j == pytest.approx(1180.8 + 179.2)
+    assert bill.fl_communication_j == pytest.approx(448.0)
+
+
+def test_published_prices_a_round() -> None:
+    bill = e.published_bill(210, 129.2, PAPER)
+    assert bill is not None
+    assert bill.ml_j == pytest.approx(74_004.0)
+    assert bill.fl_j == pytest.approx(31_821.96)
+    assert bill.total_j == pytest.approx(105_825.96)
+
+
+@pytest.mark.parametrize("elsewhere", [REVERSED, Energy(ul_bit_per_j=201e3), Energy(sidelink="via_base_station")])
+def test_published_is_not_defined_elsewhere(elsewhere: Energy) -> None:
+    assert e.published_bill(210, 129.2, elsewhere) is None
+
+
+@pytest.mark.parametrize(
+    ("robots", "federation", "links"),
+    [
+        (1, Federation(), 0),
+        (2, Federation(), 2),
+        (4, Federation(), 12),
+        (2, Federation(topology="ring"), 2),
+        (3, Federation(topology="ring"), 6),
+        (5, Federation(topology="ring"), 10),
+        (6, Federation(topology="random", degree=3), 18),
+        (1, Federation(topology="random"), 0),
+    ],
+)
+def test_directed_links_of_a_cluster(robots: int, federation: Federation, links: int) -> None:
+    assert e.directed_links(robots, federation) == links
+
+
+counts_ = st.builds(e.Counts, *[st.integers(0, 10**12)] * 7)
+energies = st.builds(
+    Energy,
+    pue=st.floats(1, 3),
+    beta=st.floats(1, 5),
+    ul_bit_per_j=st.floats(1e3, 1e7),
+    sl_bit_per_j=st.floats(1e3, 1e7),
+    dl_bit_per_j=st.none() | st.floats(1e3, 1e7),
+    sidelink=st.sampled_from(["direct", "via_base_station"]),
+)
+
+
+@given(counts_, counts_, energies)
+def test_the_bill_of_a_sum_is_the_sum_of_the_bills(a: e.Counts, b: e.Counts, energy: Energy) -> None:
+    assert astuple(e.bill(a + b, energy)) == pytest.approx(astuple(e.bill(a, energy) + e.bill(b, energy)))
+
+
+@given(counts_, st.integers(0, 1000), energies)
+def test_the_bill_is_linear_and_never_negative(counts: e.Counts, factor: int, energy: Energy) -> None:
+    once = e.bill(counts, energy)
+    scaled = e.bill(e.Counts(*(factor * value for value in astuple(counts))), energy)
+    assert astuple(scaled) == pytest.approx(tuple(factor * part for part in astuple(once)))
+    assert all(part >= 0 for part in astuple(once))
+    assert once.total_j == pytest.approx(sum(astuple(once)))
