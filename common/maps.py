@@ -48,9 +48,7 @@ def parse_map(text: str, rows: int, cols: int) -> TaskMap:
     cells: dict[str, list[Cell]] = {symbol: [] for symbol in SYMBOLS}
     for r, line in enumerate(grid):
         if len(line) != cols:
-            raise ConfigurationError(
-                f"map row {r + 1} has {len(line)} landmarks, expected {cols} (world.cols)"
-            )
+            raise ConfigurationError(f"map row {r + 1} has {len(line)} landmarks, expected {cols} (world.cols)")
         for c, symbol in enumerate(line):
             if symbol not in cells:
                 raise ConfigurationError(
@@ -59,9 +57,7 @@ def parse_map(text: str, rows: int, cols: int) -> TaskMap:
             cells[symbol].append((r, c))
     for symbol, name in (("E", "entry"), ("X", "exit")):
         if len(cells[symbol]) != 1:
-            raise ConfigurationError(
-                f"map has {len(cells[symbol])} {name} landmarks ({symbol}), expected exactly 1"
-            )
+            raise ConfigurationError(f"map has {len(cells[symbol])} {name} landmarks ({symbol}), expected exactly 1")
     path = _follow(cells["E"][0], cells["X"][0], set(cells["*"]))
     return TaskMap(rows, cols, path, frozenset(cells["#"]))
 
@@ -90,7 +86,5 @@ def _follow(entry: Cell, exit_: Cell, stars: set[Cell]) -> tuple[Cell, ...]:
         path.append(here)
     if left:
         r, c = min(left)
-        raise ConfigurationError(
-            f"map path: the * at row {r + 1}, column {c + 1} does not lie between entry and exit"
-        )
+        raise ConfigurationError(f"map path: the * at row {r + 1}, column {c + 1} does not lie between entry and exit")
     return tuple(path)

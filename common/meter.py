@@ -64,6 +64,15 @@ class Meter:
             items = sorted((key, tuple(value)) for key, value in self._counts.items())
         return [self._row(key, *value) for key, value in items]
 
+    def totals(self, direction: Direction) -> dict[str, int]:
+        """Payload bytes so far in one direction, by link class."""
+        totals = {link.value: 0 for link in Link}
+        with self._lock:
+            for key, (_, payload_bytes, _) in self._counts.items():
+                if key.direction == direction:
+                    totals[str(link_of(key.topic))] += payload_bytes
+        return totals
+
     def _row(self, key: _Key, messages: int, payload_bytes: int, packet_bytes: int) -> MeterRow:
         link = link_of(key.topic)
         assert link is not None  # held by count()

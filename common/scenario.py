@@ -112,6 +112,7 @@ class Meta(_Part):
     order: Literal["exact", "first"] = Field("first", description="gradient through gradient, or first-order")
     support_batches: Positive = Field(10, description="B^(a): inner SGD steps, one batch each")
     query_batches: Positive = Field(10, description="B^(b): batches of the meta-update")
+    support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")
     batch_size: Positive = 32
     inner_lr: PositiveFloat = Field(0.05, description="mu")
     meta_lr: PositiveFloat = Field(5e-4, description="eta, of Adam")
@@ -188,8 +189,10 @@ class Scenario(_Part):
             raise ValueError(f"meta.snapshots {self.meta.snapshots} reach past meta.t0 = {self.meta.t0}")
         for task_id in ids:
             size = len(self.cluster(task_id))
-            if self.federation.topology == "random" and size > 1 and (
-                self.federation.degree >= size or self.federation.degree * size % 2
+            if (
+                self.federation.topology == "random"
+                and size > 1
+                and (self.federation.degree >= size or self.federation.degree * size % 2)
             ):
                 raise ValueError(
                     f"task {task_id}: no {self.federation.degree}-regular graph of {size} robots exists; "

@@ -42,9 +42,9 @@ def experience(run: str, arm: str, task: int, agent: int) -> str:
     return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/experience"
 
 
-def meta_model(run: str, arm: str) -> str:
-    """The meta-model, from the data center to every robot."""
-    return f"{ROOT}/{run}/{arm}/dl/meta"
+def meta_model(run: str, arm: str, agent: int | None = None) -> str:
+    """The meta-model, from the data center to every robot, or to one that missed it."""
+    return f"{ROOT}/{run}/{arm}/dl/meta" if agent is None else f"{ROOT}/{run}/{arm}/dl/{agent}/meta"
 
 
 def weights(run: str, arm: str, task: int, agent: int) -> str:
@@ -62,8 +62,13 @@ def resend(run: str, arm: str, task: int, agent: int) -> str:
     return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/resend"
 
 
+def collect_again(run: str, arm: str, task: int, agent: int) -> str:
+    """Asks training robot `agent` for the experience of a round again."""
+    return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/collect"
+
+
 def meta_round(run: str, arm: str) -> str:
-    """Retained: the MAML round whose experience the data center wants next."""
+    """Retained: the MAML rounds whose experience the data center wants; past t0, that the stage is over."""
     return f"{ROOT}/{run}/{arm}/ctl/meta/round"
 
 
@@ -80,6 +85,11 @@ def telemetry(run: str, arm: str, client: str) -> str:
 def learned(run: str, arm: str, task: int) -> str:
     """The learned weights of a task, for the run directory."""
     return f"{ROOT}/{run}/{arm}/tlm/{task}/learned"
+
+
+def snapshot(run: str, arm: str, round_: int) -> str:
+    """The meta-model after some MAML rounds, for the run directory."""
+    return f"{ROOT}/{run}/{arm}/tlm/{round_}/snapshot"
 
 
 def meter_report(run: str, client: str) -> str:
@@ -109,8 +119,3 @@ def phase_of(topic: str) -> str:
     """Learning phase (maml, fl or control) that a metered topic's bytes belong to."""
     link = link_of(topic)
     return _PHASES[link] if link else "control"
-
-
-def parse(topic: str) -> tuple[str, ...]:
-    """Levels of a topic after root and run."""
-    return tuple(topic.split("/")[2:])

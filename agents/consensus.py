@@ -1,0 +1,37 @@
+"""Consensus over the sidelinks, eq. (6), as pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+Weights = dict[str, npt.NDArray[np.float32]]
+
+
+def mixing_weights(samples: Mapping[int, int]) -> dict[int, float]:
+    """sigma_kh = |E_h| / sum over neighbours j of |E_j|, for each neighbour h; they sum to 1."""
+    total = sum(samples.values())
+    return {agent: count / total for agent, count in samples.items()}
+
+
+def default_step(neighbours: int) -> float:
+    """1/(N+1): with one neighbour the two meet half way, where the literal step 1 would swap them."""
+    return 1 / (neighbours + 1)
+
+
+def mix(own: Weights, others: Mapping[int, Weights], sigma: Mapping[int, float], step: float) -> Weights:
+    """W_k + step * sum_h sigma_kh (W_h - W_k), all neighbours at once; float32, nothing changed in place.
+
+    Neighbours are added in the order of their ids, so that the sum is the same whoever came first.
+    """
+    return {
+        name: tensor
+        + np.float32(step)
+        * sum(
+            (np.float32(sigma[agent]) * (others[agent][name] - tensor) for agent in sorted(others)),
+            start=np.zeros_like(tensor),
+        )
+        for name, tensor in own.items()
+    }

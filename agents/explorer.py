@@ -1,0 +1,124 @@
+"""How a robot moves: learning episodes, greedy evaluation episodes, and experience for the data center."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from agents.environment import LandmarksEnv
+from agents.learner import Learner
+from agents.tasks import reward_table, rmse_m, start_cells, table_policy
+from common.dqn import epsilon_greedy
+from common.frames import resize
+from common.maps import Cell
+from common.payloads import MotionHeader, encode_motion
+from common.scenario import Scenario
+from common.seeding import integer, stream
+
+Frame = npt.NDArray[np.uint8]
+
+
+class Explorer:
+    """Robot `agent` in its environment."""
+
+    def __init__(self, scenario: Scenario, agent: int) -> None:
+        self._scenario, self._agent = scenario, agent
+        self._task = scenario.task_of(agent)
+        self._map = scenario.task_map(self._task)
+        self._table = reward_table(scenario.task(self._task), self._map, scenario.world)
+        self._env = LandmarksEnv(task=self._task, scenario=scenario)
+        self._evaluation = LandmarksEnv(task=self._task, scenario=scenario)
+        self._starts = self._start_cells()
+        self._rng = stream(scenario.seed, "explore", agent)
+        self._frame: Frame | None = None
+
+    def begin(self, arm: str) -> None:
+        """Start afresh, with random streams that depend on the arm and not on what came before it."""
+        seed = self._scenario.seed
+        self._rng = stream(seed, arm, "explore", self._agent)
+        self._env.reset(seed=integer(seed, arm, "environment", self._agent))
+        self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
+        self._frame = None
+
+    def collect(self, learner: Learner, motions: int) -> int:
+        """Move epsilon-greedily, from exploring starts, into the learner's replay; returns the transitions."""
+        epsilon = self._scenario.learning.epsilon
+        for _ in range(motions):
+            if self._frame is None:
+                self._frame = self._start()
+                learner.replay.observe(self._frame, first=True)
+            action = epsilon_greedy(learner.q_values(self._frame), epsilon, self._rng)
+            frame, reward, terminated, truncated, _ = self._env.step(action)
+            learner.replay.act(action, float(reward), terminated=terminated)
+            self._frame = self._resized(frame)
+            learner.replay.observe(self._frame, first=False)
+            if terminated or truncated:
+                self._frame = None
+        return motions
+
+    def evaluate(self, learner: Learner) -> tuple[float, float]:
+        """One greedy episode from the entry: its discounted return and the RMSE of its path, metres.
+
+        An episode that does not reach the exit never counts above 0 (DESIGN: it counts only with its exit).
+        """
+        frame, info = self._evaluation.reset(options={"start": "entry"})
+        walked, total, factor, ended, terminated = [info["cell"]], 0.0, 1.0, False, False
+        while not ended:
+            action = int(learner.q_values(self._resized(frame)).argmax())
+            frame, reward, terminated, truncated, info = self._evaluation.step(action)
+            total += factor * float(reward)
+            factor *= self._scenario.learning.discount
+            walked.append(info["cell"])
+            ended = terminated or truncated
+        error_m = rmse_m(walked, self._map, self._scenario.world.cell_m)
+        return total if terminated else min(total, 0.0), error_m
+
+    def motions(self, round_: int) -> Iterator[bytes]:
+        """One MAML round's experience, a payload a motion, epsilon-greedy on the position-reward table.
+
+        Depends on nothing but scenario, robot and round: a round asked for again is the same to the bit.
+        """
+        scenario, settings = self._scenario, self._scenario.meta
+        rng = stream(scenario.seed, "meta", "explore", self._agent, round_)
+        policy = table_policy(self._table, self._map, scenario.learning.discount)
+        self._env.reset(seed=integer(scenario.seed, "meta", "environment", self._agent, round_))
+        first = True
+        for motion in range(scenario.learning.motions_per_round):
+            if first:
+                frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
+            row, col = info["cell"]
+            action = int(rng.integers(4)) if rng.random() < settings.epsilon else int(policy[row, col])
+            next_frame, reward, terminated, truncated, info = self._env.step(action)
+            header = MotionHeader(
+                task=self._task,
+                agent=self._agent,
+                round=round_,
+                motion=motion,
+                action=action,
+                reward=float(reward),
+                first=first,
+                terminated=terminated,
+            )
+            yield encode_motion(frame, header)
+            frame, first = next_frame, terminated or truncated
+
+    def _start(self) -> Frame:
+        frame, _ = self._env.reset(options={"start": _choose(self._starts, self._rng)})
+        return self._resized(frame)
+
+    def _start_cells(self) -> list[Cell]:
+        starts, cluster = self._scenario.learning.starts, self._scenario.cluster(self._task)
+        if starts == "entry":
+            return [self._map.entry]
+        if starts == "anywhere":
+            return start_cells(self._map, 0, 1)
+        return start_cells(self._map, cluster.index(self._agent), len(cluster))
+
+    def _resized(self, frame: Frame) -> Frame:
+        return resize(frame, self._scenario.network.width, self._scenario.network.height)
+
+
+def _choose(cells: list[Cell], rng: np.random.Generator) -> Cell:
+    return cells[int(rng.integers(len(cells)))]

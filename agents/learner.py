@@ -1,0 +1,106 @@
+"""A robot's Q-network, its replay memory and its gradient steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor, nn
+
+from common.dqn import polyak_update, td_loss, td_target
+from common.errors import TrainingError
+from common.qnetwork import build_qnetwork, load_weights, observations, to_weights
+from common.replay import Batch, Replay
+from common.scenario import Network
+from common.scenario import Learning as LearningSettings
+
+Weights = dict[str, npt.NDArray[np.float32]]
+
+
+class Learner:
+    """Deep Q-learning of eq. (7) on one robot: online and target network, optimizer, replay."""
+
+    def __init__(self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._rng = rng
+        self.online = build_qnetwork(network)
+        self._target = build_qnetwork(network).requires_grad_(False)
+        load_weights(self.online, weights)
+        load_weights(self._target, weights)
+        self._parameters = list(self.online.parameters())
+        self._target_parameters = list(self._target.parameters())
+        self._optimizer = _optimizer(settings, self._parameters)
+        self.replay = Replay(settings.replay_size, network.height, network.width)
+        self.steps = 0
+
+    def q_values(self, frame: npt.NDArray[np.uint8]) -> Tensor:
+        """Q of one resized frame [height, width, 4] -> float32 [actions]."""
+        with torch.inference_mode():
+            values: Tensor = self.online(observations(frame[np.newaxis]))[0]
+        return values
+
+    def learn(self, batches: int) -> int:
+        """Take `batches` gradient steps on replayed transitions; returns the batch gradients computed.
+
+        Raises:
+            TrainingError: the loss is not finite.
+        """
+        if not len(self.replay):
+            return 0
+        drawn = [self.replay.sample(self._settings.batch_size, self._rng) for _ in range(batches)]
+        next_q = self._next_q_in_one_batch(drawn) if self._target_rests(batches) else None
+        losses = [
+            self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)
+        ]
+        if not math.isfinite(float(torch.stack(losses).sum())):
+            raise TrainingError(f"loss is not finite after {self.steps} gradient steps; lower learning.lr")
+        return len(losses)
+
+    def weights(self) -> Weights:
+        """A copy of the online network's parameters."""
+        return to_weights(self.online)
+
+    def set_weights(self, weights: Weights) -> None:
+        """Take over mixed parameters; the optimizer's moments and the target stay the robot's own."""
+        load_weights(self.online, weights)
+
+    def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
+        settings = self._settings
+        with torch.no_grad():
+            next_frames = observations(batch.next_frames)
+            target_values = self._target(next_frames) if next_q_target is None else next_q_target
+            target = td_target(
+                torch.from_numpy(batch.rewards),
+                torch.from_numpy(batch.terminated),
+                self.online(next_frames) if settings.double else target_values,
+                target_values,
+                settings.discount,
+                double=settings.double,
+            )
+        loss = td_loss(self.online(observations(batch.frames)), torch.from_numpy(batch.actions), target)
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)
+        self._optimizer.step()
+        self.steps += 1
+        if self.steps % settings.target_every == 0:
+            polyak_update(self._target_parameters, self._parameters, settings.target_polyak)
+        return loss.detach()
+
+    def _target_rests(self, batches: int) -> bool:
+        """Whether the target network stays as it is until the last of the next `batches` steps."""
+        every = self._settings.target_every
+        return self.steps // every == (self.steps + batches - 1) // every
+
+    def _next_q_in_one_batch(self, drawn: list[Batch]) -> Tensor:
+        frames = np.concatenate([batch.next_frames for batch in drawn])
+        with torch.no_grad():
+            values: Tensor = self._target(observations(frames))
+        return values.reshape(len(drawn), -1, values.shape[1])
+
+
+def _optimizer(settings: LearningSettings, parameters: list[nn.Parameter]) -> torch.optim.Optimizer:
+    kind = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}[settings.optimizer]
+    return kind(parameters, lr=settings.lr, fused=True)

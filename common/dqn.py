@@ -1,0 +1,40 @@
+"""Deep Q-learning, eq. (7), as pure functions on tensors."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+
+def td_target(
+    reward: Tensor, terminated: Tensor, next_q: Tensor, next_q_target: Tensor, discount: float, *, double: bool
+) -> Tensor:
+    """r + nu * q~(x', y*), float32 [batch]; nothing is added where the episode terminated.
+
+    `next_q` and `next_q_target` are the online and the target network's values of the next observation,
+    [batch, actions]. With `double` (van Hasselt et al. 2016) the online network chooses y*, else the target.
+    """
+    chooser = next_q if double else next_q_target
+    best = chooser.argmax(dim=1, keepdim=True)
+    value = next_q_target.gather(1, best).squeeze(1)
+    return reward + discount * value * (1.0 - terminated)
+
+
+def td_loss(q: Tensor, action: Tensor, target: Tensor) -> Tensor:
+    """Mean Huber loss (delta = 1) between Q of the taken actions and their targets; `q` is [batch, actions]."""
+    return functional.smooth_l1_loss(q.gather(1, action.unsqueeze(1)).squeeze(1), target)
+
+
+def epsilon_greedy(q: Tensor, epsilon: float, rng: np.random.Generator) -> int:
+    """A random action with probability `epsilon`, else the best of `q` [actions]."""
+    if rng.random() < epsilon:
+        return int(rng.integers(q.numel()))
+    return int(q.argmax())
+
+
+def polyak_update(target: list[Tensor], online: list[Tensor], rate: float) -> None:
+    """target += rate * (online - target), in place (rate 1 copies)."""
+    with torch.no_grad():
+        torch._foreach_lerp_(target, online, rate)

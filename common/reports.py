@@ -1,0 +1,46 @@
+"""What processes tell the recorder: rows of the run log, and their final byte counters."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+from common import topics
+from common.bus import Bus
+from common.meter import MeterRow
+from common.payloads import encode_json
+from common.runlog import RoundRow
+
+
+class Telemetry(BaseModel):
+    """A row, and the payload bytes that its sender had received by then, by link class."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    row: RoundRow
+    received: dict[str, int]
+
+
+class MeterReport(BaseModel):
+    """A client's counters at its end."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    client: str
+    rows: list[MeterRow]
+
+
+def publish_row(bus: Bus, run: str, row: RoundRow) -> None:
+    """Send one row to the recorder."""
+    telemetry = Telemetry(row=row, received=bus.meter.totals("in"))
+    bus.publish(topics.telemetry(run, row.arm, bus.client), encode_json(telemetry))
+
+
+def leave(bus: Bus, run: str, filters: list[str], presence: str) -> None:
+    """Hear nothing more, then hand in the byte counters, final from there on, and disconnect."""
+    if filters:
+        bus.unsubscribe(*filters)
+    bus.publish(presence, b"", retain=True)
+    bus.flush()
+    report = MeterReport(client=bus.client, rows=bus.meter.rows())
+    bus.publish(topics.meter_report(run, bus.client), encode_json(report))
+    bus.close()

@@ -1,0 +1,129 @@
+"""The run directory: what a run leaves behind, written as it happens.
+
+``manifest.json``   scenario resolved, seed, versions, host
+``rounds.jsonl``    one row a robot and round; agent 0 is the data center
+``meter.jsonl``     cumulative byte counters, both sides of the bus
+``progress.jsonl``  payload bytes received so far by link class, over time
+``summary.json``    rounds, rewards, joules and bytes of each arm
+``weights/``        learned weights and meta-models as safetensors
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from common.bus import Payload
+from common.errors import ConfigurationError, RunError
+from common.meter import MeterRow
+
+MANIFEST, ROUNDS, METER, PROGRESS, SUMMARY = (
+    "manifest.json",
+    "rounds.jsonl",
+    "meter.jsonl",
+    "progress.jsonl",
+    "summary.json",
+)
+
+
+class RoundRow(BaseModel):
+    """One robot's round (or, agent 0, one training task of the data center's MAML round)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    phase: Literal["maml", "fl"]
+    arm: str
+    task: int
+    agent: int
+    round: int
+    reward: float | None = None
+    """Discounted return of the robot's greedy episode from the entry."""
+    cluster_reward: float | None = None
+    """R, which decides whether the task is learned: see agents/neighbourhood.py."""
+    rmse_m: float | None = None
+    gradients: int = 0
+    """Batch gradients really computed; of the data center support + query."""
+    gradients_support: int | None = None
+    gradients_query: int | None = None
+    learned: bool | None = None
+    """On a robot's last row of an arm: whether R reached the target."""
+    refused: int = 0
+    """Payloads refused so far."""
+    seconds: float
+
+    def sort_key(self) -> tuple[str, str, int, int, int]:
+        """Order of the finished file, whatever the order of arrival."""
+        return self.arm, {"maml": "0"}.get(self.phase, "1"), self.task, self.agent, self.round
+
+
+class RunDirectory:
+    """Append-only writer of one run. Lines are whole on disk before the next one is begun."""
+
+    def __init__(self, path: Path) -> None:
+        """Make the directory.
+
+        Raises:
+            ConfigurationError: it exists and is not empty; nothing is ever written over.
+        """
+        if path.exists() and any(path.iterdir()):
+            raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
+        self.path = path
+        self._rows: list[RoundRow] = []
+        (path / "weights").mkdir(parents=True, exist_ok=True)
+
+    def manifest(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest."""
+        self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
+
+    def round(self, row: RoundRow) -> None:
+        """Append a row."""
+        self._rows.append(row)
+        self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+
+    def progress(self, row: dict[str, Any]) -> None:
+        """Append a point of the byte curves."""
+        self._append(PROGRESS, json.dumps(row))
+
+    def meter(self, rows: Iterable[MeterRow]) -> None:
+        """Write the final counters."""
+        self._replace(METER, "".join(row.model_dump_json() + "\n" for row in rows))
+
+    def summary(self, summary: dict[str, Any]) -> None:
+        """Write the summary, and the rows in their final order."""
+        ordered = sorted(self._rows, key=RoundRow.sort_key)
+        self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
+        self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
+
+    def weights(self, name: str, payload: Payload) -> None:
+        """Keep a model, as it came from the bus, as weights/<name>.safetensors."""
+        path = self.path / "weights" / f"{name}.safetensors"
+        _write_atomically(path, payload)
+
+    @property
+    def rows(self) -> list[RoundRow]:
+        """Rows written so far, in order of arrival."""
+        return list(self._rows)
+
+    def _append(self, name: str, line: str) -> None:
+        with (self.path / name).open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    def _replace(self, name: str, text: str) -> None:
+        _write_atomically(self.path / name, text.encode())
+
+
+def _write_atomically(path: Path, content: Payload) -> None:
+    temporary = path.with_suffix(path.suffix + ".part")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""The data center: MAML on raw observations from the uplink, meta-model to the downlink."""

@@ -1,0 +1,92 @@
+"""The data center's memory on disk: after each round enough to go on from there, bit by bit the same."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import safetensors
+import safetensors.torch
+
+from common.errors import RunError
+from common.payloads import MotionHeader
+from datacenter.collector import Motion
+from datacenter.metalearner import MetaLearner
+
+RoundMotions = dict[int, list[list[Motion]]]
+
+
+class Checkpoint:
+    """A folder: one safetensors file of state, replaced each round, and one file of experience a round."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def save(self, round_: int, learner: MetaLearner, motions: RoundMotions) -> None:
+        """Keep round `round_`; the state is written last, and whole or not at all."""
+        if self._folder is None:
+            return
+        frames, headers = {}, {}
+        for task, robots in motions.items():
+            for index, each in enumerate(robots):
+                frames[f"{task}/{index}"] = np.stack([motion.frame for motion in each])
+                headers[f"{task}/{index}"] = "\n".join(motion.header.model_dump_json(by_alias=True) for motion in each)
+        self._write(f"round-{round_:05d}", safetensors.numpy.save(frames, metadata=headers))
+        self._write("state", safetensors.torch.save(learner.state(), metadata={"round": str(round_)}))
+
+    def restore(self, learner: MetaLearner) -> int:
+        """Bring `learner` to where the last whole round left it; returns that round, 0 without any.
+
+        Raises:
+            RunError: the folder holds another scenario's state.
+        """
+        path = self._folder / "state.safetensors" if self._folder else None
+        if path is None or not path.exists():
+            return 0
+        try:
+            with safetensors.safe_open(path, framework="pt") as file:  # type: ignore[no-untyped-call]
+                round_ = int(file.metadata()["round"])
+                learner.load_state({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+            for past in range(1, round_ + 1):
+                for task, motions in self._experience(past):
+                    learner.remember(task, motions)
+        except (KeyError, RuntimeError, OSError, safetensors.SafetensorError) as error:
+            raise RunError(
+                f"checkpoint {self._folder}: does not fit this scenario ({error}); name another folder with --state"
+            ) from error
+        return round_
+
+    def clear(self) -> None:
+        """The stage is over and the meta-model is with the robots: forget."""
+        if self._folder is not None:
+            for path in self._folder.glob("*.safetensors"):
+                path.unlink()
+
+    def _experience(self, round_: int) -> Iterable[tuple[int, list[Motion]]]:
+        assert self._folder is not None
+        path = self._folder / f"round-{round_:05d}.safetensors"
+        with safetensors.safe_open(path, framework="np") as file:  # type: ignore[no-untyped-call]
+            headers = file.metadata()
+            for name in sorted(file.keys(), key=lambda each: tuple(map(int, each.split("/")))):
+                lines = headers[name].splitlines()
+                frames = file.get_tensor(name)
+                yield (
+                    int(name.split("/")[0]),
+                    [
+                        Motion(frame, MotionHeader.model_validate_json(line))
+                        for frame, line in zip(frames, lines, strict=True)
+                    ],
+                )
+
+    def _write(self, name: str, content: bytes) -> None:
+        assert self._folder is not None
+        part = self._folder / f"{name}.part"
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(self._folder / f"{name}.safetensors")

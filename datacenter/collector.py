@@ -1,0 +1,136 @@
+"""The data center's ear: motions from the uplink, put in order, round by round."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from common import topics
+from common.bus import Bus, Message
+from common.errors import PayloadError
+from common.frames import resize
+from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, decode_motion, encode_json
+from common.scenario import Scenario
+
+log = logging.getLogger("jouleswarm.datacenter")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion as the data center keeps it: the frame at the network's size, uint8 [height, width, 4]."""
+
+    frame: npt.NDArray[np.uint8]
+    header: MotionHeader
+
+
+class Collector:
+    """Receives experience, asks again for what is missing, and knows which robots have come how far."""
+
+    def __init__(self, bus: Bus, scenario: Scenario, run: str, arm: str) -> None:
+        self._bus, self._scenario, self._run, self._arm = bus, scenario, run, arm
+        self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
+        self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
+        self._stages: dict[int, int] = dict.fromkeys(scenario.agents, -1)
+        self._asked_for_model: list[int] = []
+        self._collected = 0
+        self.refused = 0
+        self.subscriptions = [
+            *(topics.experience(run, arm, task, agent) for agent, task in self._training.items()),
+            topics.meta_resend(run, arm),
+            *(topics.presence(run, scenario.task_of(agent), agent) for agent in scenario.agents),
+        ]
+
+    def join(self, collected: int) -> None:
+        """Listen; rounds up to `collected` are in hand already."""
+        self._collected = collected
+        self._bus.subscribe(*self.subscriptions, qos=self._scenario.bus.qos)
+
+    def announce_wanted(self, first: int, last: int) -> None:
+        """Ask the training robots for rounds `first` to `last` (retained: those who come late hear it too)."""
+        topic = topics.meta_round(self._run, self._arm)
+        self._bus.publish(topic, encode_json(RoundRequest(first=first, last=last)), retain=True)
+
+    def collect(self, round_: int) -> dict[int, list[list[Motion]]]:
+        """Training task -> one list of motions, in order, for each of its robots."""
+        wait_s, quiet_from = self._scenario.bus.resend_after_s, time.monotonic()
+        while missing := self._missing(round_):
+            if self._take_next(wait_s):
+                quiet_from = time.monotonic()
+            elif time.monotonic() - quiet_from >= wait_s:
+                log.info("waiting for round %d of robots %s", round_, missing)
+                self._ask_again(round_, missing)
+                quiet_from = time.monotonic()
+        self._collected = round_
+        arrived = self._motions.pop(round_)
+        return {
+            task: [[arrived[agent][motion] for motion in sorted(arrived[agent])] for agent in agents]
+            for task, agents in self._scenario.training_agents.items()
+        }
+
+    def robots_that_missed_the_model(self, stage: int) -> list[int] | None:
+        """Robots that ask for the meta-model again; None once every robot has come as far as `stage`."""
+        while not self._asked_for_model:
+            if all(reached >= stage for reached in self._stages.values()):
+                return None
+            self._take_next(self._scenario.bus.resend_after_s)
+        asked, self._asked_for_model = self._asked_for_model, []
+        return asked
+
+    def _missing(self, round_: int) -> list[int]:
+        arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
+        return [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
+
+    def _ask_again(self, round_: int, agents: list[int]) -> None:
+        # A robot that has not come yet will hear of the wanted rounds when it does.
+        for agent in agents:
+            if self._stages[agent] >= 0 and self._motions.get(round_, {}).get(agent):
+                topic = topics.collect_again(self._run, self._arm, self._training[agent], agent)
+                self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
+
+    def _take_next(self, timeout_s: float) -> bool:
+        message = self._bus.receive(timeout_s)
+        if message is None:
+            return False
+        try:
+            self._take(message)
+        except PayloadError as error:
+            self.refused += 1
+            log.warning("refused a message on %s: %s", message.topic, error)
+        return True
+
+    def _take(self, message: Message) -> None:
+        kind = message.topic.rsplit("/", 1)[-1]
+        if kind == "experience":
+            self._take_motion(message)
+        elif kind == "resend":
+            agent = decode_json(message.payload, RoundRequest).first
+            if agent in self._stages:
+                self._asked_for_model.append(agent)
+        elif message.payload:
+            presence = decode_json(message.payload, Presence)
+            if presence.state == "gone":
+                log.warning("robot %d is gone; waiting for it to come back", presence.agent)
+            elif presence.agent in self._stages:
+                self._stages[presence.agent] = presence.stage
+
+    def _take_motion(self, message: Message) -> None:
+        camera, network = self._scenario.camera, self._scenario.network
+        _, _, _, _, task, agent, _ = message.topic.split("/")
+        frame, header = decode_motion(message.payload, camera.height, camera.width)
+        if (header.task, header.agent) != (int(task), int(agent)):
+            raise PayloadError(
+                f"experience of robot {header.agent}, task {header.task}; expected robot {agent}, task {task}"
+            )
+        motions, t0 = self._scenario.learning.motions_per_round, self._scenario.meta.t0
+        if header.motion >= motions or header.round > min(self._collected + 2, t0):
+            raise PayloadError(
+                f"experience of round {header.round}, motion {header.motion}; expected rounds up to "
+                f"{min(self._collected + 2, t0)} and motions below {motions}"
+            )
+        if header.round > self._collected:
+            arrived = self._motions.setdefault(header.round, {}).setdefault(header.agent, {})
+            arrived[header.motion] = Motion(resize(frame, network.width, network.height), header)

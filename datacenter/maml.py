@@ -1,0 +1,96 @@
+"""MAML, eqs. (3)-(5), as pure functions on dictionaries of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.func import functional_call, grad
+
+from common.dqn import td_loss, td_target
+from common.qnetwork import observations
+from common.replay import Batch
+
+Params = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class TensorBatch:
+    """A replayed batch on the data center's device."""
+
+    frames: Tensor  # float32 [batch, 4, height, width]
+    actions: Tensor  # int64 [batch]
+    rewards: Tensor  # float32 [batch]
+    next_frames: Tensor  # float32 [batch, 4, height, width]
+    terminated: Tensor  # float32 [batch]
+
+
+def to_tensors(batch: Batch, device: torch.device) -> TensorBatch:
+    """Move a replayed batch to `device`."""
+    return TensorBatch(
+        observations(batch.frames, device),
+        torch.from_numpy(batch.actions).to(device),
+        torch.from_numpy(batch.rewards).to(device),
+        observations(batch.next_frames, device),
+        torch.from_numpy(batch.terminated).to(device),
+    )
+
+
+Loss = Callable[[Params, TensorBatch], Tensor]
+
+
+def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool) -> Loss:
+    """L_k(W | batch) of eq. (7) with the task's target network `target`; no gradient flows through targets."""
+
+    def loss(params: Params, batch: TensorBatch) -> Tensor:
+        next_q_target = functional_call(model, target, (batch.next_frames,)).detach()
+        next_q = functional_call(model, _detached(params), (batch.next_frames,)) if double else next_q_target
+        goal = td_target(batch.rewards, batch.terminated, next_q, next_q_target, discount, double=double)
+        return td_loss(functional_call(model, params, (batch.frames,)), batch.actions, goal.detach())
+
+    return loss
+
+
+def adapt(params: Params, support: Sequence[TensorBatch], loss: Loss, inner_lr: float) -> Params:
+    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`."""
+    for batch in support:
+        gradient = grad(loss)(params, batch)
+        params = {name: value - inner_lr * gradient[name] for name, value in params.items()}
+    return params
+
+
+def query_loss(params: Params, query: Sequence[TensorBatch], loss: Loss) -> Tensor:
+    """Mean loss over the query batches."""
+    return torch.stack([loss(params, batch) for batch in query]).mean()
+
+
+def meta_gradient(
+    params: Params,
+    support: Sequence[TensorBatch],
+    query: Sequence[TensorBatch],
+    loss: Loss,
+    inner_lr: float,
+    *,
+    exact: bool,
+) -> tuple[Params, Params]:
+    """One task's gradient of eq. (4), and the adapted parameters phi.
+
+    `exact` differentiates through the adaptation (eq. (5): Jacobian times gradient); otherwise the Jacobian is
+    taken as the identity and the gradient is the one at phi.
+    """
+    if not exact:
+        adapted = adapt(params, support, loss, inner_lr)
+        return grad(query_loss)(adapted, query, loss), adapted
+
+    def through(start: Params) -> tuple[Tensor, Params]:
+        adapted = adapt(start, support, loss, inner_lr)
+        return query_loss(adapted, query, loss), adapted
+
+    gradient, adapted = grad(through, has_aux=True)(params)
+    return gradient, _detached(adapted)
+
+
+def _detached(params: Params) -> Params:
+    return {name: value.detach() for name, value in params.items()}

@@ -1,0 +1,131 @@
+"""The meta-learner's state: meta-model, its optimizer, and each training task's replay and target network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from common.errors import TrainingError
+from common.qnetwork import build_qnetwork, to_weights
+from common.replay import Replay
+from common.scenario import Scenario
+from common.seeding import integer, stream
+from datacenter.collector import Motion
+from datacenter.maml import Params, TensorBatch, make_loss, meta_gradient, to_tensors
+
+
+@dataclass(frozen=True)
+class Gradients:
+    """Batch gradients computed for one task in one round."""
+
+    support: int
+    query: int
+
+
+class MetaLearner:
+    """Eqs. (3)-(5) round by round, on a CUDA device where there is one."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario, self._settings = scenario, scenario.meta
+        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
+        self._parameters = list(self._model.parameters())
+        self._optimizer = torch.optim.Adam(self._parameters, lr=self._settings.meta_lr, fused=True)
+        self._targets: dict[int, Params] = {
+            task: {name: value.detach().clone() for name, value in self._model.named_parameters()}
+            for task in self._settings.training_tasks
+        }
+        network = scenario.network
+        self._replays = {
+            task: Replay(self._settings.replay_size, network.height, network.width)
+            for task in self._settings.training_tasks
+        }
+
+    def remember(self, task: int, motions: list[Motion]) -> None:
+        """Put one robot's motions of one round into the task's replay."""
+        replay = self._replays[task]
+        for index, motion in enumerate(motions):
+            header = motion.header
+            replay.observe(motion.frame, first=header.first or index == 0)
+            replay.act(header.action, header.reward, terminated=header.terminated)
+
+    def learn(self, round_: int) -> dict[int, Gradients]:
+        """One MAML round over all training tasks; returns the gradients computed for each.
+
+        Random draws depend on seed, round and task only, so that a round resumed is the round undisturbed.
+
+        Raises:
+            TrainingError: a meta-gradient is not finite.
+        """
+        params = {name: value.detach() for name, value in self._model.named_parameters()}
+        total: list[Tensor] = [torch.zeros_like(value) for value in params.values()]
+        for task in self._settings.training_tasks:
+            support, query = self._draw(task, round_)
+            loss = make_loss(
+                self._model,
+                self._targets[task],
+                self._scenario.learning.discount,
+                double=self._scenario.learning.double,
+            )
+            gradient, adapted = meta_gradient(
+                params, support, query, loss, self._settings.inner_lr, exact=self._settings.order == "exact"
+            )
+            torch._foreach_add_(total, list(gradient.values()))
+            self._track(task, adapted)
+        self._update(total, round_)
+        counts = Gradients(self._settings.support_batches, self._settings.query_batches)
+        return dict.fromkeys(self._settings.training_tasks, counts)
+
+    def weights(self) -> dict[str, npt.NDArray[np.float32]]:
+        """A copy of the meta-model's parameters."""
+        return to_weights(self._model)
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything that `load_state` needs to go on, as named tensors (replay apart)."""
+        named = dict(self._model.named_parameters())
+        state = {f"model/{name}": value.detach() for name, value in named.items()}
+        for task, target in self._targets.items():
+            state |= {f"target/{task}/{name}": value for name, value in target.items()}
+        for name, parameter in named.items():
+            state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[parameter].items()}
+        return {name: value.cpu().contiguous() for name, value in state.items()}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Take up a state saved by `state`."""
+        for name, parameter in self._model.named_parameters():
+            with torch.no_grad():
+                parameter.copy_(state[f"model/{name}"])
+            for task in self._targets:
+                self._targets[task][name].copy_(state[f"target/{task}/{name}"])
+            moments = {key: state[f"adam/{name}/{key}"].clone() for key in ("step", "exp_avg", "exp_avg_sq")}
+            self._optimizer.state[parameter] = {
+                key: value.to(parameter.device) if key == "step" else torch.empty_like(parameter).copy_(value)
+                for key, value in moments.items()
+            }
+
+    def _draw(self, task: int, round_: int) -> tuple[list[TensorBatch], list[TensorBatch]]:
+        settings, replay = self._settings, self._replays[task]
+        rng = stream(self._scenario.seed, "meta", "batches", task, round_)
+        # A robot adapts on what it has just seen, so that is what the adaptation is rehearsed on.
+        newest = settings.support_newest * len(self._scenario.training_agents[task])
+        support = [replay.sample(settings.batch_size, rng, newest) for _ in range(settings.support_batches)]
+        query = [replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)]
+        return [to_tensors(each, self._device) for each in support], [to_tensors(each, self._device) for each in query]
+
+    def _track(self, task: int, adapted: Params) -> None:
+        """The task's target network q~ follows its adapted models."""
+        torch._foreach_lerp_(
+            list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak
+        )
+
+    def _update(self, gradients: list[Tensor], round_: int) -> None:
+        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+            parameter.grad = gradient / len(self._settings.training_tasks)
+        norm = torch.nn.utils.clip_grad_norm_(self._parameters, self._scenario.learning.grad_clip, foreach=True)
+        if not torch.isfinite(norm):
+            raise TrainingError(f"meta-gradient of round {round_} is not finite; lower meta.inner_lr or meta.meta_lr")
+        self._optimizer.step()
