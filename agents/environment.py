@@ -1,0 +1,125 @@
+"""The landmark world as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from agents.camera import Camera, shared_obstacles
+from agents.tasks import ACTIONS, move, start_cells, task_table
+from common.errors import ConfigurationError
+from common.maps import Cell
+from common.scenario import Scenario, load_scenario
+
+Frame = npt.NDArray[np.uint8]
+Info = dict[str, Any]
+
+_PAPER = Path(__file__).parent.parent / "scenarios" / "paper.toml"
+
+
+class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
+    """A robot moves from landmark to landmark and sees the world through its cameras.
+
+    Action space: Discrete(4): 0 forward (row + 1), 1 backward (row - 1), 2 left (column - 1), 3 right (column + 1).
+        One motion goes to the next landmark; off the grid's edge the robot stays. Its heading never changes.
+    Observation space: Box(0, 255, (height, width, 4), uint8): red, green, blue and time-of-flight depth
+        (see `agents.camera`); 640 x 480 by default. No two frames at one landmark are the same.
+    Reward: the position-reward table's value at the landmark arrived at (see `agents.tasks.reward_table`).
+    Start: the map's entry. `reset(options={"start": ...})` takes "entry", "random" (any landmark but the exit and
+        obstacles) or a (row, column).
+    End: terminated at the exit; truncated after max_motions motions anywhere else, so a truncated episode's last
+        landmark still has a value.
+    Info: `cell` (row, column), `position_m` (the same in metres), `reached_exit`.
+
+    Arguments:
+        task: id of the scenario's task; default its first.
+        scenario: a Scenario or a scenario file; default the paper's six tasks.
+        render_mode: None or "rgb_array" (the camera's newest picture).
+
+    Raises:
+        ConfigurationError: the scenario cannot be read, has no such task, or a start is not on the grid.
+    """
+
+    # Gymnasium declares this as an instance variable.
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
+
+    def __init__(
+        self, task: int | None = None, scenario: Scenario | str | Path | None = None, render_mode: str | None = None
+    ) -> None:
+        scenario = _resolve(scenario)
+        ids = [each.id for each in scenario.tasks]
+        task = ids[0] if task is None else task
+        if task not in ids:
+            raise ConfigurationError(f"task {task} is not in scenario {scenario.name}, expected one of {ids}")
+        self.render_mode = render_mode
+        self.task_map = scenario.task_map(task)
+        self.rewards = task_table(scenario, task)
+        self._world = scenario.world
+        self._camera = Camera(scenario.world, scenario.camera, shared_obstacles(scenario))
+        self._cell, self._motions = self.task_map.entry, 0
+        shape = (scenario.camera.height, scenario.camera.width, 4)
+        self._frame: Frame = np.zeros(shape, np.uint8)
+        self.observation_space = spaces.Box(0, 255, shape, np.uint8)
+        self.action_space = spaces.Discrete(len(ACTIONS))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Frame, Info]:
+        super().reset(seed=seed)
+        self._cell = self._start((options or {}).get("start", "entry"))
+        self._motions = 0
+        return self._look(), self._info()
+
+    def step(self, action: np.int64 | int) -> tuple[Frame, float, bool, bool, Info]:
+        self._cell = move(self._cell, int(action), self.task_map.rows, self.task_map.cols)
+        self._motions += 1
+        terminated = self._cell == self.task_map.exit
+        truncated = not terminated and self._motions >= self._world.max_motions
+        return self._look(), float(self.rewards[self._cell]), terminated, truncated, self._info()
+
+    def render(self) -> Frame | None:
+        """The newest frame's picture, uint8 [height, width, 3]; a view, valid as long as the frame."""
+        return self._frame[..., :3] if self.render_mode == "rgb_array" else None
+
+    def _look(self) -> Frame:
+        self._frame = self._camera.frame(self._cell, self.np_random)
+        return self._frame
+
+    def _info(self) -> Info:
+        row, col = self._cell
+        cell_m = self._world.cell_m
+        return {
+            "cell": self._cell,
+            "position_m": (row * cell_m, col * cell_m),
+            "reached_exit": self._cell == self.task_map.exit,
+        }
+
+    def _start(self, start: object) -> Cell:
+        if start == "entry":
+            return self.task_map.entry
+        if start == "random":
+            cells = start_cells(self.task_map)
+            return cells[int(self.np_random.integers(len(cells)))]
+        rows, cols = self.task_map.rows, self.task_map.cols
+        match start:
+            case (int(row), int(col)) if 0 <= row < rows and 0 <= col < cols and (row, col) != self.task_map.exit:
+                return row, col
+        raise ConfigurationError(
+            f'start {start!r}: expected "entry", "random" or (row, column) within {rows} x {cols}, not the exit'
+        )
+
+
+def _resolve(scenario: Scenario | str | Path | None) -> Scenario:
+    if isinstance(scenario, Scenario):
+        return scenario
+    if scenario is not None:
+        return load_scenario(scenario)
+    if not _PAPER.is_file():
+        raise ConfigurationError(
+            f"default scenario {_PAPER}: not found; install JouleSwarm from its checkout (pip install -e .) "
+            "or pass scenario="
+        )
+    return load_scenario(_PAPER)
