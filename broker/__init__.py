@@ -1,0 +1,1 @@
+"""The MQTT broker of JouleSwarm: amqtt with its own delivery path and exact byte counters."""

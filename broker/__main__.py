@@ -1,0 +1,115 @@
+"""`python -m broker`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import sys
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from broker.limits import MEGABYTE, Limits
+from broker.server import Addresses, Settings, run
+from common.errors import JouleSwarmError
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def _env(name: str) -> str:
+    return f"JOULESWARM_BROKER_{name}"
+
+
+@app.command()
+def main(
+    host: Annotated[str, typer.Option(envvar=_env("HOST"), help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, envvar=_env("PORT"), help="MQTT port; 0 picks a free one.")
+    ] = 1883,
+    metrics_port: Annotated[
+        int, typer.Option(min=0, max=65535, envvar=_env("METRICS_PORT"), help="Prometheus port; 0 = a free one.")
+    ] = 9883,
+    metrics: Annotated[bool, typer.Option(envvar=_env("METRICS"), help="Serve Prometheus metrics.")] = True,
+    meter: Annotated[bool, typer.Option(envvar=_env("METER"), help="Count messages and bytes.")] = True,
+    max_message_mb: Annotated[
+        int, typer.Option(min=1, max=255, envvar=_env("MAX_MESSAGE_MB"), help="Largest packet taken, MiB.")
+    ] = 64,
+    memory_mb: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            envvar=_env("MEMORY_MB"),
+            help="Stop reading from publishers while more than this, MiB, waits for subscribers.",
+        ),
+    ] = 192,
+    max_connections: Annotated[
+        int, typer.Option(min=1, envvar=_env("MAX_CONNECTIONS"), help="Connections at one time.")
+    ] = 1000,
+    connect_timeout_s: Annotated[
+        float, typer.Option(min=0.1, envvar=_env("CONNECT_TIMEOUT_S"), help="Time a new connection has to CONNECT.")
+    ] = 10.0,
+    stall_timeout_s: Annotated[
+        float,
+        typer.Option(
+            min=0.1,
+            envvar=_env("STALL_TIMEOUT_S"),
+            help="Drop a client that takes nothing of what is queued for it for this long.",
+        ),
+    ] = 60.0,
+    session_expiry_s: Annotated[
+        int, typer.Option(min=1, envvar=_env("SESSION_EXPIRY_S"), help="Keep a persistent session that is away.")
+    ] = 3600,
+    exit_with_stdin: Annotated[
+        bool,
+        typer.Option(
+            "--exit-with-stdin",
+            envvar=_env("EXIT_WITH_STDIN"),
+            help="For launchers: print the addresses as one line of JSON, ignore Ctrl-C, end when stdin closes.",
+        ),
+    ] = False,
+    log_level: Annotated[
+        str, typer.Option(envvar=_env("LOG_LEVEL"), help="DEBUG, INFO, WARNING or ERROR; to stderr.")
+    ] = "WARNING",
+) -> None:
+    """An MQTT 3.1.1 broker that counts every byte, by run, arm, link class, topic and client.
+
+    Subscribe to jouleswarm/meter/broker for its totals; publish anything on jouleswarm/meter/ask for all
+    rows. Ctrl-C ends it.
+
+    Example: python -m broker --port 1883, then python -m datacenter --broker mqtt://127.0.0.1:1883
+    """
+    level = logging.getLevelNamesMapping().get(log_level.upper())
+    if level is None:
+        raise typer.BadParameter(f"got {log_level}, expected DEBUG, INFO, WARNING or ERROR", param_hint="--log-level")
+    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    for name in ("amqtt", "transitions"):
+        logging.getLogger(name).setLevel(max(level, logging.WARNING))
+    limits = Limits(
+        message_bytes=max_message_mb * MEGABYTE,
+        memory_bytes=memory_mb * MEGABYTE,
+        connections=max_connections,
+        connect_timeout_s=connect_timeout_s,
+        stall_timeout_s=stall_timeout_s,
+        session_expiry_s=session_expiry_s,
+    )
+    settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits)
+    try:
+        asyncio.run(run(settings, _announce_json if exit_with_stdin else _announce))
+    except JouleSwarmError as error:
+        typer.echo(f"broker: {error}", err=True)
+        sys.exit(error.exit_code)
+
+
+def _announce_json(addresses: Addresses) -> None:
+    print(json.dumps(asdict(addresses)), flush=True)
+
+
+def _announce(addresses: Addresses) -> None:
+    metrics = f", metrics at {addresses.metrics}" if addresses.metrics else ""
+    print(f"Broker at {addresses.url}{metrics}. Ctrl-C ends it.", flush=True)
+
+
+if __name__ == "__main__":
+    app()

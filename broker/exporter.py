@@ -1,0 +1,58 @@
+"""The counters as Prometheus metrics over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from threading import Thread
+from wsgiref.simple_server import WSGIServer
+
+from prometheus_client import CollectorRegistry, Metric, start_http_server
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from broker.core import SwarmBroker
+
+_LABELS = ("run", "arm", "link", "direction", "client")
+_COUNTERS = (
+    ("messages", "PUBLISH packets"),
+    ("payload_bytes", "bytes of payload"),
+    ("packet_bytes", "bytes of whole MQTT packets"),
+)
+
+
+class BrokerCollector(Collector):
+    """Reads the broker's counters at each scrape."""
+
+    def __init__(self, broker: SwarmBroker) -> None:
+        self._broker = broker
+
+    def collect(self) -> Iterator[Metric]:
+        totals = self._broker.meter.totals()
+        for index, (name, what) in enumerate(_COUNTERS):
+            counter = CounterMetricFamily(
+                f"jouleswarm_broker_{name}", f"{what} received (in) or delivered (out)", labels=_LABELS
+            )
+            for key, counts in totals.items():
+                counter.add_metric([key.run, key.arm, key.link.value, key.direction, key.client], counts[index])
+            yield counter
+        events = CounterMetricFamily(
+            "jouleswarm_broker_events", "refusals, take-overs, aborted deliveries", labels=("event",)
+        )
+        for event, count in self._broker.meter.event_counts().items():
+            events.add_metric([event], count)
+        yield events
+        clients = len(self._broker.handlers)
+        yield GaugeMetricFamily("jouleswarm_broker_clients", "clients connected now", value=clients)
+        held = self._broker.budget.used_bytes
+        yield GaugeMetricFamily("jouleswarm_broker_held_bytes", "bytes of messages in memory", value=held)
+
+
+def start_exporter(broker: SwarmBroker, host: str, port: int) -> tuple[WSGIServer, Thread]:
+    """Serve `/metrics` from a thread of its own; port 0 picks a free one.
+
+    Raises:
+        OSError: the address is in use or does not exist.
+    """
+    registry = CollectorRegistry()
+    registry.register(BrokerCollector(broker))
+    return start_http_server(port, addr=host, registry=registry)

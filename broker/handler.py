@@ -1,0 +1,239 @@
+"""One connected client: its packets in order of arrival, its deliveries with their acknowledgements."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import struct
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from amqtt.adapters import BufferReader
+from amqtt.errors import AMQTTError, CodecError, MQTTError, NoDataError
+from amqtt.mqtt.packet import (
+    DISCONNECT,
+    PINGREQ,
+    PUBACK,
+    PUBLISH,
+    PUBREL,
+    SUBSCRIBE,
+    UNSUBSCRIBE,
+    MQTTFixedHeader,
+)
+from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
+from amqtt.mqtt.subscribe import SubscribePacket
+from amqtt.mqtt.unsubscribe import UnsubscribePacket
+
+from broker.connection import Connection, MalformedPacket, Packet
+from broker.publication import Publication
+
+if TYPE_CHECKING:
+    from broker.core import SwarmBroker
+
+logger = logging.getLogger("broker")
+
+# What amqtt's packet codecs raise on bytes that are no packet.
+CODEC_ERRORS = (AMQTTError, MQTTError, CodecError, NoDataError, struct.error, ValueError)
+
+# Packet identifiers have 16 bits; the last few stay free.
+INFLIGHT_LIMIT = 65_000
+
+_REQUIRED_FLAGS = {PUBACK: 0, PUBREL: 2, SUBSCRIBE: 2, UNSUBSCRIBE: 2, PINGREQ: 0, DISCONNECT: 0}
+_PINGRESP = b"\xd0\x00"
+
+
+@dataclass(slots=True)
+class Delivery:
+    """A QoS 1 message on its way to one subscriber, kept under its packet identifier until the PUBACK."""
+
+    publication: Publication | None  # None once written to a clean session: it is never sent again
+    retain: bool
+    begun: bool = False
+
+
+class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
+    """amqtt's handler with a delivery path of its own (see README.md for what is overridden and why)."""
+
+    def __init__(self, broker: SwarmBroker, connection: Connection) -> None:
+        super().__init__(broker.plugins_manager)
+        self.connection = connection
+        self.left = asyncio.Event()
+        self.left_cleanly = False
+        self._broker = broker
+        self._waiting: deque[tuple[Publication, bool]] = deque()
+
+    # Packets from the client
+
+    async def serve(self) -> None:
+        """Handle packets until the client disconnects.
+
+        Raises:
+            PeerGone: the connection ended without DISCONNECT.
+            MalformedPacket: the client broke the protocol.
+        """
+        while not self.left_cleanly:
+            packet = await self.connection.read_packet()
+            if packet.first >> 4 == PUBLISH:
+                await self._on_publish(packet)
+            else:
+                await self._on_control(packet.first, packet.body)
+
+    async def _on_control(self, first: int, body: bytearray) -> None:
+        kind = first >> 4
+        if _REQUIRED_FLAGS.get(kind) != first & 15:
+            raise MalformedPacket(f"packet with first byte 0x{first:02x}, which no client may send here")
+        if kind == PUBACK:
+            self._on_puback(_packet_id(body))
+        elif kind == PINGREQ:
+            self.connection.send(_PINGRESP)
+        elif kind == SUBSCRIBE:
+            await self._on_subscribe(MQTTFixedHeader(kind, 2, len(body)), body)
+        elif kind == UNSUBSCRIBE:
+            await self._on_unsubscribe(MQTTFixedHeader(kind, 2, len(body)), body)
+        elif kind == PUBREL:
+            self.session.inflight_in.pop(_packet_id(body), None)
+            self.connection.send(b"\x70\x02" + body[:2])
+        else:
+            self.left_cleanly = True
+
+    async def _on_publish(self, packet: Packet) -> None:
+        first, body, cost_bytes = packet
+        try:
+            topic, identifier, start = _parse_publish(first, body)
+        except MalformedPacket:
+            self._broker.budget.release(cost_bytes)
+            raise
+        payload, qos = memoryview(body)[start:], first >> 1 & 3
+        publication = Publication(topic, payload, min(qos, 1), self._broker.budget, cost_bytes)
+        try:
+            self._broker.meter.received(self.session.client_id, topic, len(payload), len(body))
+            seen = qos == 2 and int.from_bytes(identifier, "big") in self.session.inflight_in
+            if not seen:
+                await self._broker.accept(self.session, publication, retain=bool(first & 1))
+        finally:
+            publication.drop()
+        if qos == 1:
+            self.connection.send(b"\x40\x02" + identifier)
+        elif qos == 2:
+            self.session.inflight_in[int.from_bytes(identifier, "big")] = True
+            self.connection.send(b"\x50\x02" + identifier)
+
+    async def _on_subscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
+        packet = await _decode(SubscribePacket, fixed, body)
+        subscriptions = packet.payload.topics
+        if any(qos > 2 for _, qos in subscriptions):
+            raise MalformedPacket("SUBSCRIBE with a QoS above 2")
+        granted = [await self._broker.add_subscription(each, self.session) for each in subscriptions]
+        await self.mqtt_acknowledge_subscription(packet.variable_header.packet_id, granted)
+        for (topic_filter, _), qos in zip(subscriptions, granted, strict=True):
+            if qos < 128:
+                self._broker.deliver_retained(self, topic_filter, qos)
+
+    async def _on_unsubscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
+        packet = await _decode(UnsubscribePacket, fixed, body)
+        for topic_filter in packet.payload.topics:
+            self._broker.remove_subscription(topic_filter, self.session)
+        await self.mqtt_acknowledge_unsubscription(packet.variable_header.packet_id)
+
+    # Deliveries to the client
+
+    def deliver(self, publication: Publication, qos: int, *, retain: bool = False) -> None:
+        """Queue a message for this client at QoS 0 or 1."""
+        publication.hold()
+        if qos == 0:
+            self._transmit(publication, None, retain=retain)
+        elif len(self.session.inflight_out) < INFLIGHT_LIMIT:
+            self._begin(publication, retain)
+        else:
+            self._waiting.append((publication, retain))
+
+    def resume(self) -> None:
+        """Send again what an earlier connection of this session left unacknowledged (MQTT 3.1.1, section 4.4)."""
+        for packet_id, delivery in tuple(self.session.inflight_out.items()):
+            delivery.publication.hold()
+            self._transmit(delivery.publication, packet_id, delivery, dup=delivery.begun, retain=delivery.retain)
+
+    def suspend(self) -> list[Publication]:
+        """Deliveries that never got a packet identifier, for the session to keep."""
+        waiting, self._waiting = self._waiting, deque()
+        return [publication for publication, _ in waiting]
+
+    def _begin(self, publication: Publication, retain: bool) -> None:
+        packet_id = self.session.next_packet_id
+        delivery = Delivery(publication, retain)
+        self.session.inflight_out[packet_id] = delivery
+        self._transmit(publication, packet_id, delivery, retain=retain)
+
+    def _transmit(
+        self,
+        publication: Publication,
+        packet_id: int | None,
+        delivery: Delivery | None = None,
+        *,
+        dup: bool = False,
+        retain: bool = False,
+    ) -> None:
+        header = publication.header(packet_id, dup=dup, retain=retain)
+        size = len(header) + len(publication.payload)
+        client_id, forgets = self.session.client_id, self.session.clean_session
+
+        def done(written: int) -> None:
+            if delivery is not None:
+                delivery.begun = delivery.begun or written > 0
+                if forgets:
+                    delivery.publication = None
+            if written == size:
+                self._broker.meter.delivered(client_id, publication.topic, len(publication.payload), size)
+            else:
+                self._broker.meter.event("aborted_deliveries")
+                self._broker.meter.event("aborted_bytes", written)
+            publication.drop()
+
+        self.connection.send(header, publication.payload, done)
+
+    def _on_puback(self, packet_id: int) -> None:
+        if self.session.inflight_out.pop(packet_id, None) is not None and self._waiting:
+            self._begin(*self._waiting.popleft())
+
+    # amqtt's handler interface
+
+    async def stop(self) -> None:
+        """Called by amqtt at shutdown and when a session expires."""
+        self.connection.abort("closed by the broker")
+
+    async def mqtt_publish(self, topic: str, data: bytes, qos: int | None, retain: bool, *_: Any) -> None:
+        """amqtt's way to send a message to this client; does not wait for the PUBACK."""
+        self.deliver(Publication(topic, memoryview(data), qos or 0), min(qos or 0, 1), retain=retain)
+
+
+async def _decode(kind: type[Any], fixed: MQTTFixedHeader, body: bytearray) -> Any:
+    try:
+        packet = await kind.from_stream(BufferReader(bytes(body)), fixed_header=fixed)
+    except CODEC_ERRORS as error:
+        raise MalformedPacket(f"{kind.__name__}: {error}") from error
+    if not packet.payload.topics or packet.bytes_length != fixed.to_bytes().__len__() + len(body):
+        raise MalformedPacket(f"{kind.__name__} without topic filters or with bytes left over")
+    return packet
+
+
+def _parse_publish(first: int, body: bytearray) -> tuple[str, bytes, int]:
+    """Topic, packet identifier (empty at QoS 0) and where the payload begins."""
+    qos = first >> 1 & 3
+    topic_end = 2 + int.from_bytes(body[:2], "big")
+    start = topic_end + (2 if qos else 0)
+    if qos == 3 or start > len(body) or len(body) < 2:
+        raise MalformedPacket(f"PUBLISH with QoS {qos} and a topic that ends at byte {start} of {len(body)}")
+    try:
+        topic = body[2:topic_end].decode()
+    except UnicodeDecodeError as error:
+        raise MalformedPacket("PUBLISH with a topic that is not UTF-8") from error
+    if not topic or topic.startswith("$") or any(char in topic for char in "+#\0"):
+        raise MalformedPacket(f"PUBLISH on topic {topic!r}, which no client may publish on")
+    return topic, bytes(body[topic_end:start]), start
+
+
+def _packet_id(body: bytearray) -> int:
+    if len(body) != 2:
+        raise MalformedPacket(f"acknowledgement with {len(body)} bytes, expected 2")
+    return int.from_bytes(body, "big")

@@ -1,0 +1,72 @@
+"""What the broker allows its clients, and how the broker holds memory down."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from dataclasses import dataclass
+
+MEGABYTE = 1024 * 1024
+
+# What a queued message costs beside its payload: Python objects, header, queue entries.
+OVERHEAD_BYTES = 512
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the broker; sizes in bytes, times in seconds."""
+
+    message_bytes: int = 64 * MEGABYTE
+    memory_bytes: int = 192 * MEGABYTE
+    offline_bytes: int = 64 * MEGABYTE
+    connections: int = 1000
+    connect_timeout_s: float = 10.0
+    stall_timeout_s: float = 60.0
+    session_expiry_s: int = 3600
+
+
+class Budget:
+    """Bytes of messages held in memory. Readers wait here, first come first served, for room.
+
+    One message is always let in when nothing else is held, however large: a budget below the
+    largest message must slow publishers down, never stop them for ever.
+    """
+
+    def __init__(self, limit_bytes: int) -> None:
+        self.limit_bytes = limit_bytes
+        self.used_bytes = 0
+        self._waiters: deque[tuple[int, asyncio.Future[None]]] = deque()
+
+    def try_take(self, size_bytes: int) -> bool:
+        """Take room if there is some and nobody waits for it."""
+        if self._waiters or not self._fits(size_bytes):
+            return False
+        self.used_bytes += size_bytes
+        return True
+
+    def request(self, size_bytes: int) -> asyncio.Future[None]:
+        """A future that is done when the room has been taken. One that fails before that takes nothing."""
+        granted: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiters.append((size_bytes, granted))
+        return granted
+
+    def charge(self, size_bytes: int) -> None:
+        """Take room without waiting, for what must not wait."""
+        self.used_bytes += size_bytes
+
+    def release(self, size_bytes: int) -> None:
+        """Give room back and let in those that wait for it."""
+        self.used_bytes -= size_bytes
+        while self._waiters:
+            size_bytes, granted = self._waiters[0]
+            if granted.done():
+                self._waiters.popleft()
+            elif self._fits(size_bytes):
+                self._waiters.popleft()
+                self.used_bytes += size_bytes
+                granted.set_result(None)
+            else:
+                return
+
+    def _fits(self, size_bytes: int) -> bool:
+        return self.used_bytes == 0 or self.used_bytes + size_bytes <= self.limit_bytes

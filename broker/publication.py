@@ -1,0 +1,44 @@
+"""One application message on its way through the broker, shared by all that receive it."""
+
+from __future__ import annotations
+
+from amqtt.mqtt.packet import PUBLISH, MQTTFixedHeader
+
+from broker.limits import Budget
+
+
+class Publication:
+    """Topic, payload and QoS as published. Its budget is given back when the last holder lets go."""
+
+    __slots__ = ("_budget", "_cost_bytes", "_holders", "_topic_bytes", "payload", "qos", "topic")
+
+    def __init__(
+        self, topic: str, payload: memoryview, qos: int, budget: Budget | None = None, cost_bytes: int = 0
+    ) -> None:
+        topic_bytes = topic.encode()
+        self.topic = topic
+        self.payload = payload
+        self.qos = qos
+        self._topic_bytes = len(topic_bytes).to_bytes(2, "big") + topic_bytes
+        self._budget = budget
+        self._cost_bytes = cost_bytes
+        self._holders = 1
+
+    def hold(self) -> None:
+        """One more receiver keeps the payload in memory."""
+        self._holders += 1
+
+    def drop(self) -> None:
+        """A receiver (or the publisher's reader) is done with it."""
+        self._holders -= 1
+        if self._holders == 0 and self._budget is not None:
+            self._budget.release(self._cost_bytes)
+            self._cost_bytes = 0  # a persistent session may hold it again, to send it a second time
+
+    def header(self, packet_id: int | None, *, dup: bool, retain: bool) -> bytes:
+        """Everything of the PUBLISH packet before the payload (MQTT 3.1.1, section 3.3)."""
+        identifier = b"" if packet_id is None else packet_id.to_bytes(2, "big")
+        flags = dup << 3 | (packet_id is not None) << 1 | retain
+        length = len(self._topic_bytes) + len(identifier) + len(self.payload)
+        fixed: bytes = MQTTFixedHeader(PUBLISH, flags, length).to_bytes()
+        return fixed + self._topic_bytes + identifier

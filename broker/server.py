@@ -1,0 +1,194 @@
+"""The broker process: listens, watches its connections, publishes its counters, ends cleanly."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+
+from broker.connection import Connection
+from broker.core import SwarmBroker
+from broker.exporter import start_exporter
+from broker.limits import Limits
+from broker.meter import BrokerMeter
+from broker.snapshot import SnapshotPublisher
+from common.errors import ConfigurationError
+
+logger = logging.getLogger("broker")
+
+WATCH_INTERVAL_S = 0.5
+ACCEPT_PAUSE_S = 0.5
+KEEPALIVE_FACTOR = 1.5  # MQTT 3.1.1, section 3.1.2.10
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to run a broker process. A port of 0 picks a free one; no metrics port, no exporter."""
+
+    host: str = "127.0.0.1"
+    port: int = 1883
+    metrics_port: int | None = 9883
+    metering: bool = True
+    exit_with_stdin: bool = False
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where a running broker is to be found."""
+
+    url: str
+    metrics: str | None
+
+
+async def run(settings: Settings, ready: Callable[[Addresses], None]) -> None:
+    """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin.
+
+    Raises:
+        ConfigurationError: an address is in use or cannot be listened on.
+    """
+    ended = _ending(settings.exit_with_stdin)
+    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering))
+    async with AsyncExitStack() as stack:
+        listener = stack.enter_context(_listen(settings.host, settings.port))
+        metrics = None
+        if settings.metrics_port is not None:
+            metrics = _export(broker, settings.host, settings.metrics_port, stack)
+        await broker.start()
+        stack.push_async_callback(broker.shutdown)
+        acceptor = Acceptor(listener, broker)
+        stack.push_async_callback(acceptor.close)
+        for job in (watch(broker), SnapshotPublisher(broker).run()):
+            stack.callback(asyncio.create_task(job).cancel)
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        ready(
+            Addresses(
+                f"mqtt://{host}:{listener.getsockname()[1]}", f"http://{host}:{metrics}/metrics" if metrics else None
+            )
+        )
+        await ended.wait()
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        listener = socket.create_server((host, port), family=family, backlog=512)
+    except OSError as error:
+        raise ConfigurationError(_cannot_listen(host, port, error, "--port")) from error
+    listener.setblocking(False)
+    return listener
+
+
+def _export(broker: SwarmBroker, host: str, port: int, stack: AsyncExitStack) -> int:
+    try:
+        server, thread = start_exporter(broker, host, port)
+    except OSError as error:
+        raise ConfigurationError(_cannot_listen(host, port, error, "--metrics-port")) from error
+
+    def stop() -> None:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+    stack.callback(stop)
+    return int(server.server_port)
+
+
+def _cannot_listen(host: str, port: int, error: OSError, option: str) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} on {host} is in use by another process; choose another with {option} (0 = any free one)"
+    return f"cannot listen on {host}:{port} ({error.strerror or error}); check --host and {option}"
+
+
+def _ending(exit_with_stdin: bool) -> asyncio.Event:
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_signal_handler(signal.SIGTERM, ended.set)
+    # Ctrl-C reaches the whole process group; a broker that has a launcher outlives it, so that the
+    # launcher can still collect the counters, and ends when the launcher lets go of its stdin.
+    loop.add_signal_handler(signal.SIGINT, (lambda: None) if exit_with_stdin else ended.set)
+    if exit_with_stdin:
+
+        def wait_for_end() -> None:
+            while os.read(0, 65536):
+                pass
+            loop.call_soon_threadsafe(ended.set)
+
+        threading.Thread(target=wait_for_end, name="stdin", daemon=True).start()
+    return ended
+
+
+class Acceptor:
+    """Takes connections from the listening socket and gives each a task."""
+
+    def __init__(self, listener: socket.socket, broker: SwarmBroker) -> None:
+        self._listener, self._broker = listener, broker
+        self._loop = asyncio.get_running_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._resume()
+
+    def _resume(self) -> None:
+        self._loop.add_reader(self._listener, self._accept)
+
+    def _accept(self) -> None:
+        try:
+            sock, _ = self._listener.accept()
+        except (BlockingIOError, ConnectionAbortedError):
+            return
+        except OSError as error:
+            # Out of file descriptors: the listening socket stays readable, so wait a little.
+            logger.error("cannot accept connections for now: %s", error.strerror)
+            self._loop.remove_reader(self._listener)
+            self._loop.call_later(ACCEPT_PAUSE_S, self._resume)
+            return
+        if len(self._tasks) >= self._broker.limits.connections:
+            self._broker.meter.event("refused_connections")
+            logger.warning("connection refused: %d are open, the limit", len(self._tasks))
+            sock.close()
+            return
+        try:
+            connection = Connection(sock, self._broker.limits, self._broker.budget)
+        except OSError:  # gone already
+            sock.close()
+            return
+        task = asyncio.create_task(self._broker.serve(connection))
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._broker.meter.event("internal_errors")
+            logger.error("a connection ended by an error in the broker", exc_info=error)
+
+    async def close(self) -> None:
+        """Stop accepting and end all connections."""
+        self._loop.remove_reader(self._listener)
+        tasks = tuple(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def watch(broker: SwarmBroker) -> None:
+    """End connections that are silent for 1.5 keepalives, or take nothing of what is queued for them."""
+    loop = asyncio.get_running_loop()
+    while True:
+        now_s = loop.time()
+        for handler in tuple(broker.handlers):
+            connection = handler.connection
+            allowed_s = KEEPALIVE_FACTOR * handler.session.keep_alive
+            reason, what = connection.overdue(now_s), "stalled"
+            if allowed_s and not connection.waits_for_room and now_s - connection.last_received_s > allowed_s:
+                reason, what = f"it was silent for {allowed_s:g} s, 1.5 keepalives", "silent"
+            if reason is not None:
+                broker.meter.event(f"dropped_{what}")
+                logger.warning("client %s dropped: %s", handler.session.client_id, reason)
+                connection.abort(reason)
+        await asyncio.sleep(WATCH_INTERVAL_S)

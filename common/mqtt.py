@@ -1,0 +1,298 @@
+"""The bus over MQTT 3.1.1. The only place outside `broker/` that an MQTT library is used in."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Self
+from urllib.parse import unquote, urlsplit
+
+from paho.mqtt.client import MQTT_ERR_NO_CONN
+
+from common.bus import Message, Payload
+from common.errors import BrokerUnreachableError, ConfigurationError
+from common.meter import Meter
+from common.mqtt_client import FastClient, name_of, wire_id
+
+__all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
+
+logger = logging.getLogger("bus")
+
+DEFAULT_PORT = 1883
+UNSENT_LIMIT_BYTES = 64 * 1024 * 1024
+UNSENT_LIMIT_MESSAGES = 10_000
+RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
+CLOSE_TIMEOUT_S = 5.0
+_REFUSED = 128
+
+
+@dataclass(frozen=True)
+class BrokerAddress:
+    """A parsed broker URL."""
+
+    host: str
+    port: int
+    user: str | None = None
+    password: str | None = None
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"mqtt://{host}:{self.port}"  # never the password: this goes to logs and errors
+
+
+def parse_url(url: str) -> BrokerAddress:
+    """Parse mqtt://[user:password@]host[:port].
+
+    Raises:
+        ConfigurationError: not such a URL.
+    """
+    wanted = "expected mqtt://[user:password@]host[:1883]"
+    try:
+        parts = urlsplit(url)
+        port = DEFAULT_PORT if parts.port is None else parts.port
+    except ValueError as error:
+        raise ConfigurationError(f"broker URL {_masked(url)!r}: {error}; {wanted}") from error
+    host = parts.hostname or ""
+    extra = parts.path.strip("/") or parts.query or parts.fragment
+    if parts.scheme != "mqtt" or not host or port == 0 or extra or any(char.isspace() for char in url):
+        raise ConfigurationError(f"broker URL {_masked(url)!r}: {wanted}")
+    user = unquote(parts.username) if parts.username else None
+    password = unquote(parts.password) if parts.password is not None else None
+    return BrokerAddress(host, port, user, password)
+
+
+def _masked(url: str) -> str:
+    before, at, after = url.rpartition("@")
+    return f"{before.split('://')[0]}://...@{after}" if at else url
+
+
+class MqttBus:
+    """A `common.bus.Bus` on a broker. Make one with `MqttBus.connect`.
+
+    One thread uses it; paho's thread moves the bytes. Its meter counts every PUBLISH packet that was received, or
+    written whole (again when it is sent again), under the plain client name.
+    """
+
+    def __init__(self, address: BrokerAddress, client: str, give_up_s: float) -> None:
+        self.client = client
+        self.meter = Meter("client")
+        self._address = address
+        self._give_up_s = give_up_s
+        self._changed = threading.Condition()
+        self._inbox: deque[Message] = deque()
+        self._filters: dict[str, int] = {}
+        self._granted: dict[str, int] = {}
+        self._asked: dict[int, tuple[str, ...]] = {}
+        self._unsent_messages = self._unsent_bytes = 0
+        self._connected = False
+        self._lost_at_s = time.monotonic()
+        self._why_lost = "no answer"
+        self._failure: BaseException | None = None
+        self._paho = self._new_paho(address)
+
+    @classmethod
+    def connect(
+        cls,
+        url: str,
+        client: str,
+        *,
+        will: tuple[str, bytes] | None = None,
+        keepalive_s: int = 60,
+        connect_timeout_s: float = 30.0,
+    ) -> Self:
+        """Connect, and keep connected until `close`. `will` is (topic, payload), retained, QoS 1.
+
+        Args:
+            url: mqtt://[user:password@]host[:1883].
+            client: plain name, such as `agent-3`; the id on the wire has a random suffix.
+            connect_timeout_s: how long a broker may be away, now or later, before that is an error.
+
+        Raises:
+            ConfigurationError: the URL is malformed.
+            BrokerUnreachableError: no broker answered in time, or it refused the client.
+        """
+        bus = cls(parse_url(url), client, connect_timeout_s)
+        if will is not None:
+            bus._paho.will_set(will[0], will[1], qos=1, retain=True)
+        bus._paho.connect_async(bus._address.host, bus._address.port, keepalive_s)
+        bus._paho.loop_start()
+        try:
+            bus._wait_for(lambda: bus._connected)
+        except BaseException:
+            bus._stop()
+            raise
+        return bus
+
+    def subscribe(self, *filters: str, qos: int = 1) -> None:
+        """Subscribe; returns when the broker has granted it. Survives reconnects."""
+        with self._changed:
+            self._filters |= dict.fromkeys(filters, qos)
+            for filter_ in filters:
+                self._granted.pop(filter_, None)
+            if self._connected:
+                self._ask(filters)
+        self._wait_for(lambda: all(filter_ in self._granted for filter_ in filters))
+        refused = [filter_ for filter_ in filters if self._granted[filter_] >= _REFUSED]
+        if refused:
+            raise ConfigurationError(f"broker {self._address} refused the subscription to {', '.join(refused)}")
+
+    def unsubscribe(self, *filters: str) -> None:
+        """Returns when the broker has confirmed it: nothing more is delivered for these filters."""
+        filters = tuple(filter_ for filter_ in filters if self._filters.pop(filter_, None) is not None)
+        if not filters:
+            return
+        with self._changed:
+            mid = self._paho.unsubscribe(list(filters))[1] if self._connected else None
+            if mid is not None:
+                self._asked[mid] = filters
+        # A lost connection ends the subscriptions too: only those in self._filters are made again.
+        self._wait_for(lambda: mid not in self._asked)
+
+    def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
+        """Queue a message for sending. Waits only while 64 MB or 10 000 messages have not been sent."""
+        self._wait_for(self._has_room)
+        size = len(payload)
+        with self._changed:
+            self._unsent_messages += 1
+            self._unsent_bytes += size
+        data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
+        info = self._paho.publish(topic, data, qos, retain)
+        if qos == 0 and info.rc == MQTT_ERR_NO_CONN:
+            self._on_settled(size)
+
+    def receive(self, timeout_s: float | None = None) -> Message | None:
+        """The next message, or None after `timeout_s`. None waits for ever.
+
+        Raises:
+            BrokerUnreachableError: the connection was lost and not won back in time.
+        """
+        if not self._wait_for(lambda: bool(self._inbox), timeout_s):
+            return None
+        return self._inbox.popleft()
+
+    def flush(self) -> None:
+        """Wait until all that was published has been sent, and at QoS 1 acknowledged by the broker."""
+        self._wait_for(lambda: self._unsent_messages == 0)
+
+    def close(self) -> None:
+        """Flush and disconnect cleanly (no last will).
+
+        Unsubscribes first, so that all that the broker counts as delivered has also been counted here.
+        """
+        try:
+            self.flush()
+            self.unsubscribe(*self._filters)
+        finally:
+            self._stop()
+
+    # In the user's thread
+
+    def _stop(self) -> None:
+        self._paho.disconnect()
+        with self._changed:
+            self._changed.wait_for(lambda: not self._connected or self._failure, CLOSE_TIMEOUT_S)
+        self._paho.loop_stop()
+
+    def _has_room(self) -> bool:
+        return self._unsent_bytes < UNSENT_LIMIT_BYTES and self._unsent_messages < UNSENT_LIMIT_MESSAGES
+
+    def _wait_for(self, condition: Any, timeout_s: float | None = None) -> bool:
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        with self._changed:
+            while not condition():
+                if self._failure is not None:
+                    raise self._failure
+                now_s = time.monotonic()
+                waits_s = [] if deadline_s is None else [deadline_s - now_s]
+                if not self._connected:
+                    waits_s.append(self._lost_at_s + self._give_up_s - now_s)
+                    if waits_s[-1] <= 0:
+                        raise self._unreachable()
+                if deadline_s is not None and deadline_s <= now_s:
+                    return False
+                self._changed.wait(min(waits_s, default=None))
+        return True
+
+    def _unreachable(self) -> BrokerUnreachableError:
+        return BrokerUnreachableError(
+            f"no MQTT broker at {self._address} for {self._give_up_s:g} s ({self._why_lost}); "
+            "start one with `python -m broker`, or check --broker"
+        )
+
+    def _ask(self, filters: tuple[str, ...]) -> None:
+        mid = self._paho.subscribe([(filter_, self._filters[filter_]) for filter_ in filters])[1]
+        if mid is not None:
+            self._asked[mid] = filters
+
+    # In paho's thread
+
+    def _new_paho(self, address: BrokerAddress) -> FastClient:
+        client = FastClient(wire_id(self.client))
+        client.username_pw_set(address.user, address.password)
+        client.reconnect_delay_set(RECONNECT_MIN_S, RECONNECT_MAX_S)  # type: ignore[arg-type]  # floats work
+        client.on_connect = self._on_connect
+        client.on_connect_fail = self._on_connect_fail
+        client.on_disconnect = self._on_disconnect
+        client.on_subscribe = self._on_subscribe
+        client.on_unsubscribe = self._on_unsubscribe
+        client.on_sent = self._on_sent
+        client.on_received = self._on_received
+        client.on_settled = self._on_settled
+        client.on_failure = self._on_failure
+        return client
+
+    def _on_connect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        with self._changed:
+            if reason.is_failure:
+                self._failure = BrokerUnreachableError(f"broker {self._address} refused the connection: {reason}")
+            else:
+                self._connected = True
+                if self._filters:
+                    self._ask(tuple(self._filters))
+            self._changed.notify_all()
+
+    def _on_connect_fail(self, _client: Any, _data: Any) -> None:
+        self._why_lost = "connection refused, or no such host"
+
+    def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        with self._changed:
+            if self._connected:
+                self._connected, self._lost_at_s = False, time.monotonic()
+            self._why_lost = f"connection lost: {reason}"
+            self._granted.clear()
+            self._asked.clear()
+            self._changed.notify_all()
+
+    def _on_subscribe(self, _client: Any, _data: Any, mid: int, reasons: Any, _properties: Any) -> None:
+        with self._changed:
+            for filter_, reason in zip(self._asked.pop(mid, ()), reasons, strict=False):
+                self._granted[filter_] = reason.value
+            self._changed.notify_all()
+
+    def _on_unsubscribe(self, _client: Any, _data: Any, mid: int, _reasons: Any, _properties: Any) -> None:
+        with self._changed:
+            self._asked.pop(mid, None)
+            self._changed.notify_all()
+
+    def _on_sent(self, topic: str, payload_bytes: int, packet_bytes: int) -> None:
+        self.meter.count(self.client, topic, "out", payload_bytes, packet_bytes)
+
+    def _on_received(self, topic: str, payload: memoryview, retained: bool, packet_bytes: int) -> None:
+        self.meter.count(self.client, topic, "in", len(payload), packet_bytes)
+        with self._changed:
+            self._inbox.append(Message(topic, payload, retained))
+            self._changed.notify_all()
+
+    def _on_settled(self, payload_bytes: int) -> None:
+        with self._changed:
+            self._unsent_messages -= 1
+            self._unsent_bytes -= payload_bytes
+            self._changed.notify_all()
+
+    def _on_failure(self, error: BaseException) -> None:
+        with self._changed:
+            self._failure = error
+            self._changed.notify_all()
