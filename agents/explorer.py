@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from agents.environment import LandmarksEnv
 from agents.learner import Learner
-from agents.tasks import reward_table, rmse_m, start_cells, table_policy
+from agents.tasks import rmse_m, start_cells, table_policy, task_table
 from common.dqn import epsilon_greedy
 from common.frames import resize
 from common.maps import Cell
@@ -27,7 +27,7 @@ class Explorer:
         self._scenario, self._agent = scenario, agent
         self._task = scenario.task_of(agent)
         self._map = scenario.task_map(self._task)
-        self._table = reward_table(scenario.task(self._task), self._map, scenario.world)
+        self._table = task_table(scenario, self._task)
         self._env = LandmarksEnv(task=self._task, scenario=scenario)
         self._evaluation = LandmarksEnv(task=self._task, scenario=scenario)
         self._starts = self._start_cells()
@@ -108,7 +108,7 @@ class Explorer:
         frame, _ = self._env.reset(options={"start": _choose(self._starts, self._rng)})
         return self._resized(frame)
 
-    def _start_cells(self) -> list[Cell]:
+    def _start_cells(self) -> Sequence[Cell]:
         starts, cluster = self._scenario.learning.starts, self._scenario.cluster(self._task)
         if starts == "entry":
             return [self._map.entry]
@@ -120,5 +120,5 @@ class Explorer:
         return resize(frame, self._scenario.network.width, self._scenario.network.height)
 
 
-def _choose(cells: list[Cell], rng: np.random.Generator) -> Cell:
+def _choose(cells: Sequence[Cell], rng: np.random.Generator) -> Cell:
     return cells[int(rng.integers(len(cells)))]

@@ -128,14 +128,14 @@ def encode_json(message: BaseModel) -> bytes:
 MessageT = TypeVar("MessageT", bound=BaseModel)
 
 
-def decode_json(payload: Payload, kind: type[MessageT]) -> MessageT:
+def decode_json(payload: Payload, kind: type[MessageT], limit_bytes: int = MAX_HEADER_BYTES) -> MessageT:
     """Read a small control message.
 
     Raises:
         PayloadError: not JSON, or not of that kind.
     """
-    if len(payload) > MAX_HEADER_BYTES:
-        raise PayloadError(f"{kind.__name__}: {len(payload)} bytes, expected at most {MAX_HEADER_BYTES}")
+    if len(payload) > limit_bytes:
+        raise PayloadError(f"{kind.__name__}: {len(payload)} bytes, expected at most {limit_bytes}")
     try:
         return kind.model_validate_json(bytes(payload))
     except ValidationError as error:

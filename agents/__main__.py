@@ -1,0 +1,71 @@
+"""`python -m agents`: one robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.process import process, use_one_thread
+
+app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+@app.command()
+def main(
+    id: Annotated[int, typer.Option(envvar="JOULESWARM_ID", help="Which robot of the scenario this is, from 1.")],
+    scenario: Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")],
+    broker: Annotated[
+        str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is.")
+    ] = "mqtt://127.0.0.1:1883",
+    task: Annotated[
+        int | None, typer.Option(envvar="JOULESWARM_TASK", help="Its task; checked against the scenario.")
+    ] = None,
+    run: Annotated[
+        str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run on the bus. Default: the scenario's.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
+    ] = None,
+    verbose: Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")] = True,
+) -> None:
+    """Start one robot: it joins its cluster over the broker, learns its task with its neighbours, and ends.
+
+    Every process of a run takes the same scenario file and the same --set options. Robots may come in any
+    order; each waits for its neighbours and, if the scenario has the arm, for the data center.
+
+    Example: python -m agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario scenarios/quick.toml
+    """
+    with process(f"robot {id}", verbose=verbose):
+        # Late imports: --help and a wrong option answer at once.
+        from agents.agent import run_agent
+        from common import topics
+        from common.errors import ConfigurationError
+        from common.mqtt import connect
+        from common.payloads import Presence, encode_json
+        from common.scenario import load_scenario
+
+        settings = load_scenario(scenario, set_ or ())
+        assigned = settings.task_of(id)
+        if task is not None and task != assigned:
+            raise ConfigurationError(
+                f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
+                f"{list(settings.clusters.get(task, ()))}"
+            )
+        use_one_thread()
+        name = run or settings.name
+        gone = encode_json(Presence(agent=id, state="gone"))
+        bus = connect(
+            broker,
+            f"agent-{id}",
+            will=(topics.presence(name, assigned, id), gone),
+            keepalive_s=settings.bus.keepalive_s,
+            connect_timeout_s=settings.bus.connect_timeout_s,
+        )
+        run_agent(settings, id, name, bus)
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m agents")

@@ -1,0 +1,56 @@
+"""What every process's `__main__` does alike: logging, signals, one thread, errors as exit codes."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from types import FrameType
+
+from common.errors import JouleSwarmError
+
+STOPPED = 130
+
+
+@contextlib.contextmanager
+def process(name: str, *, verbose: bool = False) -> Iterator[None]:
+    """Run a process's body: an error of ours ends it with one clear line and its exit code.
+
+    SIGTERM and SIGINT end it at once, quietly. Any other exception is a defect and keeps its traceback.
+    """
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING,
+        format=f"%(asctime)s {name}: %(message)s",
+        datefmt="%H:%M:%S",
+        stream=sys.stderr,
+    )
+    signal.signal(signal.SIGTERM, _stop)
+    signal.signal(signal.SIGINT, _stop)
+    try:
+        yield
+    except JouleSwarmError as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        raise SystemExit(error.exit_code) from error
+
+
+def use_one_thread() -> None:
+    """One thread of arithmetic a process: robots share the cores, and results do not depend on their number."""
+    import torch
+
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+
+
+def leave_at_once(code: int) -> None:
+    """End without waiting for the network thread; the bus's last will tells the others."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def _stop(signum: int, _frame: FrameType | None) -> None:
+    # Work under way may be a long call into C, or a wait for a network that is gone: do not wait for either.
+    leave_at_once(STOPPED if signum == signal.SIGINT else 128 + signum)

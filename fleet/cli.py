@@ -1,0 +1,140 @@
+"""The command line: `jouleswarm run`, `record`, `report`, `audit`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from common.errors import JouleSwarmError
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
+)
+
+ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML), for example scenarios/quick.toml.")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", help="Change the scenario: section.key=value. May be repeated.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
+Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
+RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
+
+
+def _overrides(set_: list[str] | None, seed: int | None) -> list[str]:
+    return [*(set_ or ()), *([f"seed={seed}"] if seed is not None else ())]
+
+
+@app.command()
+def run(
+    scenario: ScenarioFile,
+    seed: Seed = None,
+    set_: Set = None,
+    out: Out = Path("runs"),
+    run_id: RunId = None,
+    broker: Annotated[
+        str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+    ] = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+) -> None:
+    """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
+
+    Ctrl-C ends every process and leaves a readable run directory.
+    """
+    from common.scenario import load_scenario
+    from fleet.report import report as print_bill
+    from fleet.run import new_run_id, run_deployment
+
+    overrides = _overrides(set_, seed)
+    settings = load_scenario(scenario, overrides)
+    options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
+    path = run_deployment(settings, options, run_id or new_run_id(settings), out, broker, Console())
+    print_bill(path, html=figures, figures=figures)
+    print(f"run directory: {path}")
+
+
+@app.command()
+def record(
+    scenario: ScenarioFile,
+    broker: Annotated[str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is.")],
+    seed: Seed = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
+    ] = None,
+    out: Out = Path("runs"),
+    run_id: RunId = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+) -> None:
+    """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
+
+    Start it before the robots: what they report before it listens is lost. The run's name on the bus is
+    --run-id (default: the scenario's name), as with the processes' --run.
+    """
+    from common.scenario import load_scenario
+    from fleet.report import report as print_bill
+    from fleet.run import record_deployment
+
+    settings = load_scenario(scenario, _overrides(set_, seed))
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console())
+    print_bill(path, html=figures, figures=figures)
+    print(f"run directory: {path}")
+
+
+@app.command()
+def report(
+    run_directory: Annotated[Path, typer.Argument(help="A run directory.")],
+    ul: Annotated[float | None, typer.Option(help="Uplink efficiency, kb/J.")] = None,
+    sl: Annotated[float | None, typer.Option(help="Sidelink efficiency, kb/J.")] = None,
+    dl: Annotated[float | None, typer.Option(help="Downlink efficiency, kb/J.")] = None,
+    pue: Annotated[float | None, typer.Option(help="Power usage effectiveness of the data center.")] = None,
+    beta: Annotated[float | None, typer.Option(help="Cost of a meta-gradient over a first-order one.")] = None,
+    via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+) -> None:
+    """Price a finished run again, at other efficiencies. Nothing is trained again; the run's files stay."""
+    from fleet.report import report as print_bill
+
+    print_bill(
+        run_directory,
+        ul_kb_per_j=ul,
+        sl_kb_per_j=sl,
+        dl_kb_per_j=dl,
+        pue=pue,
+        beta=beta,
+        via_base_station=via_base_station,
+        html=figures,
+        figures=figures,
+    )
+
+
+@app.command()
+def audit() -> None:
+    """Print the paper's published figures beside what its equations and constants give."""
+    from fleet.audit import print_audit
+
+    print_audit()
+
+
+def main() -> None:
+    """Entry point: errors of ours are one line and their exit code."""
+    try:
+        app(prog_name="jouleswarm")
+    except JouleSwarmError as error:
+        print(f"jouleswarm {shlex.join(sys.argv[1:2])}: {error}", file=sys.stderr)
+        raise SystemExit(error.exit_code) from error
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Starts a deployment's processes on this machine, watches them, and leaves none behind."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from common.errors import RunError
+
+# Loaded once in the fork server; every process then shares the memory of these.
+_PRELOAD = ["torch", "cv2", "numpy", "fleet.child", "agents.agent", "agents.__main__", "datacenter.server", "common.mqtt"]
+_GRACE_S = 2.0
+_ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Launcher:
+    """Context manager: processes started in it are ended when it is left, however it is left."""
+
+    def __init__(self, logs: Path) -> None:
+        self._logs = logs
+        logs.mkdir(parents=True, exist_ok=True)
+        self._broker: subprocess.Popen[str] | None = None
+        self._children: dict[str, ForkServerProcess] = {}
+        # Before numpy and torch are loaded: a pool of threads made before a fork is of no use after it.
+        for variable in _ARITHMETIC_THREADS:
+            os.environ.setdefault(variable, "1")
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(_PRELOAD)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for child in self._children.values():
+            if child.is_alive():
+                child.terminate()
+        for child in self._children.values():
+            child.join(_GRACE_S)
+            if child.is_alive():
+                child.kill()
+                child.join()
+        if self._broker is not None:
+            self._broker.terminate()
+            try:
+                self._broker.wait(_GRACE_S)
+            except subprocess.TimeoutExpired:
+                self._broker.kill()
+                self._broker.wait()
+
+    def start_broker(self, arguments: Sequence[str] = ()) -> dict[str, str]:
+        """Start the embedded broker on a free port of this machine; returns its URLs.
+
+        Raises:
+            RunError: it ended before it listened.
+        """
+        command = [sys.executable, "-m", "broker", "--port", "0", "--exit-with-stdin", *arguments]
+        with (self._logs / "broker.log").open("ab") as log:
+            self._broker = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True
+            )
+        assert self._broker.stdout is not None
+        line = self._broker.stdout.readline()
+        if not line:
+            self._broker.wait()
+            raise RunError(f"the broker ended with code {self._broker.returncode}: {self._tail('broker')}")
+        ready: dict[str, str] = json.loads(line)
+        return ready
+
+    def start(self, name: str, module: str, arguments: list[str]) -> None:
+        """Start `python -m MODULE ARGUMENTS` as a process called `name`."""
+        from fleet.child import run_module
+
+        child = self._context.Process(
+            target=run_module, args=(module, arguments, self._log(name)), name=name, daemon=True
+        )
+        child.start()
+        self._children[name] = child
+
+    def check(self) -> None:
+        """Notice a process that died.
+
+        Raises:
+            RunError: one ended with an error; the message holds the end of what it printed.
+        """
+        for name, child in self._children.items():
+            if child.exitcode not in (None, 0):
+                raise RunError(f"{name} ended with code {child.exitcode}: {self._tail(name)}")
+        if self._broker is not None and self._broker.poll() is not None:
+            raise RunError(f"the broker ended with code {self._broker.returncode}: {self._tail('broker')}")
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name."""
+        pids = {name: child.pid for name, child in self._children.items() if child.pid is not None}
+        return pids | ({"broker": self._broker.pid} if self._broker is not None else {})
+
+    def _log(self, name: str) -> Path:
+        return self._logs / f"{name}.log"
+
+    def _tail(self, name: str) -> str:
+        lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
+        return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"

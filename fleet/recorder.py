@@ -1,0 +1,132 @@
+"""The recorder: hears what the processes report over the bus and writes the run directory."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import time
+from typing import Literal
+
+from common import topics
+from common.bus import Bus, Message
+from common.errors import PayloadError
+from common.meter import MeterRow
+from common.payloads import decode_json
+from common.reports import MeterReport, Telemetry
+from common.runlog import RoundRow, RunDirectory
+from common.scenario import Scenario
+from common.snapshot import BrokerSnapshot
+from fleet.pricing import summarise
+
+log = logging.getLogger("jouleswarm.recorder")
+
+CLIENT = "recorder"
+_PROGRESS_EVERY_S = 0.5
+_SNAPSHOT_WAIT_S = 3.0
+
+
+class Recorder:
+    """Writes down a run from its beginning to the last process's byte counters."""
+
+    def __init__(self, bus: Bus, scenario: Scenario, run: str, directory: RunDirectory) -> None:
+        self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
+        self._begun = time.monotonic()
+        self._progress_at = 0.0
+        self._reports: dict[str, list[MeterRow]] = {}
+        self._received: dict[str, dict[str, int]] = {}
+        self._broker_rows: list[MeterRow] = []
+        self._asked = ""
+        self._filters = [
+            topics.telemetry(run, "+", "+"),
+            topics.learned(run, "+", "+"),
+            topics.snapshot(run, "+", "+"),
+            topics.meter_report(run, "+"),
+            topics.BROKER_METER,
+        ]
+        self.newest: dict[tuple[str, int, int], RoundRow] = {}
+        bus.subscribe(*self._filters)
+
+    @property
+    def waiting_for(self) -> list[str]:
+        """Processes that have not handed in their counters yet."""
+        expected = [f"agent-{agent}" for agent in self._scenario.agents]
+        if "maml" in self._scenario.arms:
+            expected.append("datacenter")
+        return [client for client in expected if client not in self._reports]
+
+    @property
+    def received_bytes(self) -> dict[str, int]:
+        """Payload bytes that all clients have received so far, by link class."""
+        totals = {link.value: 0 for link in topics.Link}
+        for received in self._received.values():
+            for link, count in received.items():
+                totals[link] = totals.get(link, 0) + count
+        return totals
+
+    @property
+    def rows(self) -> list[RoundRow]:
+        """Rows so far."""
+        return self._directory.rows
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the recorder began to listen."""
+        return time.monotonic() - self._begun
+
+    def pump(self, timeout_s: float) -> None:
+        """Take what comes within `timeout_s`; a message that cannot be read is left out with a warning."""
+        until = time.monotonic() + timeout_s
+        while (left_s := until - time.monotonic()) > 0:
+            message = self._bus.receive(left_s)
+            if message is None:
+                return
+            try:
+                self._take(message)
+            except PayloadError as error:
+                log.warning("refused a message on %s: %s", message.topic, error)
+
+    def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
+        """Fetch the broker's counters and write meter and summary."""
+        # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
+        self._bus.unsubscribe(*self._filters[:-1])
+        self._ask_broker()
+        self._bus.unsubscribe(topics.BROKER_METER)
+        own = self._bus.meter.rows()
+        clients = [row for client in sorted(self._reports) for row in self._reports[client]]
+        meter = [*self._broker_rows, *clients, *own]
+        self._directory.meter(meter)
+        self._directory.summary(summarise(self._scenario, self._directory.rows, meter, status=status))
+        self._bus.close()
+
+    def _ask_broker(self) -> None:
+        self._asked = secrets.token_hex(8)
+        self._bus.publish(topics.BROKER_METER_ASK, self._asked.encode())
+        until = time.monotonic() + _SNAPSHOT_WAIT_S
+        while not self._broker_rows and time.monotonic() < until:
+            self.pump(0.05)
+
+    def _take(self, message: Message) -> None:
+        topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
+        if topic == topics.BROKER_METER:
+            snapshot = decode_json(message.payload, BrokerSnapshot, limit_bytes=len(message.payload))
+            if snapshot.asked is not None and snapshot.asked == self._asked:
+                prefix = f"{topics.ROOT}/{self._run}/"
+                self._broker_rows = [row for row in snapshot.rows or () if row.topic.startswith(prefix)]
+        elif kind == "round":
+            self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
+        elif kind == "learned":
+            self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
+        elif kind == "snapshot":
+            self._directory.weights(f"meta-t{int(topic.split('/')[4]):04d}", message.payload)
+        else:
+            report = decode_json(message.payload, MeterReport, limit_bytes=len(message.payload))
+            self._reports[report.client] = report.rows
+
+    def _take_row(self, telemetry: Telemetry, client: str) -> None:
+        row = telemetry.row
+        self._directory.round(row)
+        self.newest[row.arm, row.task, row.agent] = row
+        self._received[client] = telemetry.received
+        if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
+            self._progress_at = self.elapsed_s
+            self._directory.progress({"time_s": round(self.elapsed_s, 3), "bytes": self.received_bytes})

@@ -1,0 +1,111 @@
+"""A whole run from the operator's seat: start the processes (or not), record, report."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import os
+import platform
+import secrets
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+
+from common.errors import JouleSwarmError
+from common.mqtt import connect
+from common.runlog import RunDirectory
+from common.scenario import Scenario
+from fleet.launcher import Launcher
+from fleet.recorder import CLIENT, Recorder
+from fleet.view import View
+
+_PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
+_PUMP_S = 0.2
+
+
+def new_run_id(scenario: Scenario) -> str:
+    """A name no other run has."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
+    return f"{scenario.name}-{now}-{secrets.token_hex(2)}"
+
+
+def run_deployment(
+    scenario: Scenario, scenario_options: list[str], run: str, out: Path, broker: str | None, console: Console
+) -> Path:
+    """Run a scenario in processes of its own on this machine; returns the run directory.
+
+    `scenario_options` are the command-line options that make every process load this same scenario. With
+    `broker` the processes use that one; else an embedded broker is started.
+    """
+    directory = RunDirectory(out / run)
+    with ExitStack() as stack:
+        launcher = stack.enter_context(Launcher(directory.path / "logs"))
+        url = broker or launcher.start_broker()["url"]
+        directory.manifest(manifest(scenario, run, url, embedded=broker is None))
+        recorder = _recorder(scenario, url, run, directory)
+        common = ["--broker", url, "--run", run, *scenario_options]
+        if "maml" in scenario.arms:
+            state = str(directory.path / "checkpoint")
+            launcher.start("datacenter", "datacenter", [*common, "--state", state])
+        for agent in scenario.agents:
+            launcher.start(f"agent-{agent}", "agents", ["--id", str(agent), *common])
+        _record(scenario, recorder, console, launcher)
+    return directory.path
+
+
+def record_deployment(scenario: Scenario, run: str, out: Path, broker: str, console: Console) -> Path:
+    """Record a run whose processes others start; returns the run directory."""
+    directory = RunDirectory(out / run)
+    recorder = _recorder(scenario, broker, run, directory)
+    directory.manifest(manifest(scenario, run, broker, embedded=False))
+    _record(scenario, recorder, console, None)
+    return directory.path
+
+
+def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
+    """What `manifest.json` holds."""
+    return {
+        "schema": 1,
+        "run": run,
+        "scenario": scenario.model_dump(mode="json"),
+        "seed": scenario.seed,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
+        },
+        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "broker": {"embedded": embedded, "url": url},
+    }
+
+
+def _recorder(scenario: Scenario, url: str, run: str, directory: RunDirectory) -> Recorder:
+    bus = connect(
+        url, CLIENT, keepalive_s=scenario.bus.keepalive_s, connect_timeout_s=scenario.bus.connect_timeout_s
+    )
+    return Recorder(bus, scenario, run, directory)
+
+
+def _record(scenario: Scenario, recorder: Recorder, console: Console, launcher: Launcher | None) -> None:
+    status: Literal["complete", "interrupted", "failed"] = "failed"
+    try:
+        with View(console, scenario, recorder) as view:
+            while recorder.waiting_for:
+                recorder.pump(_PUMP_S)
+                if launcher is not None:
+                    launcher.check()
+                view.update()
+        status = "complete"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    finally:
+        try:
+            recorder.close(status)
+        except JouleSwarmError as error:
+            # What ended the run is worth more than that its end could not be told to a broker that is gone.
+            if status == "complete":
+                raise
+            console.print(f"the run directory has no final counters: {error}", highlight=False)
