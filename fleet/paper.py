@@ -32,7 +32,7 @@ class PrintedTotal(NamedTuple):
     total_j: float
 
 
-NO_MAML = PrintedTotal(200e3, 500e3, 0, 0.0, 227e3)  # section IV-B
+NO_MAML = PrintedTotal(200e3, 500e3, 0, None, 227e3)  # section IV-B
 HEADLINE = PrintedTotal(200e3, 500e3, 210, 74e3, 106e3)  # section IV-B, Fig. 3a
 BEST_SIDELINK = PrintedTotal(200e3, 500e3, 42, None, 56e3)  # section IV-C, Fig. 4a, black
 BEST_UPLINK = PrintedTotal(500e3, 200e3, 132, None, 52e3)  # section IV-C, Fig. 4a, red

@@ -129,9 +129,7 @@ def write_run(tmp_path: Path, facts: Facts) -> Callable[..., Path]:
         for row in facts.rows:
             directory.round(row)
         for second, total in enumerate((0, 60_000, 120_000)):
-            directory.progress(
-                {"time_s": float(second), "arm": "maml", "uplink": total, "downlink": 0, "sidelink": 0, "control": 9}
-            )
+            directory.progress({"time_s": float(second), "bytes": {"uplink": total, "sidelink": 0, "control": 9}})
         if summary is not None:
             directory.meter(facts.meter_rows)
             directory.summary(summary)

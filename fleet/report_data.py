@@ -1,0 +1,147 @@
+"""A run directory as data, read back whole or as far as an interrupted run got."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from common.errors import ConfigurationError, RunError
+from common.meter import MeterRow
+from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY, RoundRow
+from common.scenario import Scenario, scenario_from
+from common.topics import Link
+from fleet.pricing import TaskResult, maml_rounds, task_results
+
+SCHEMA = 1
+
+T = TypeVar("T", bound=BaseModel)
+
+
+class Progress(BaseModel):
+    """A point of the byte curves: payload bytes received so far, all clients together."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    time_s: float
+    bytes: dict[Link, int]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run directory holds. `cut` lists files whose last line was torn off by a kill."""
+
+    path: Path
+    manifest: dict[str, Any]
+    scenario: Scenario
+    rows: list[RoundRow]
+    meter_rows: list[MeterRow]
+    progress: list[Progress]
+    summary: dict[str, Any] | None
+    cut: list[str]
+
+    @property
+    def name(self) -> str:
+        """The run's name on the bus."""
+        return str(self.manifest["run"])
+
+    @property
+    def status(self) -> str:
+        """complete, interrupted or failed; a run without a summary was interrupted."""
+        return "interrupted" if self.summary is None else str(self.summary["status"])
+
+    @cached_property
+    def t0(self) -> int:
+        """MAML rounds done."""
+        return maml_rounds(self.rows)
+
+    @cached_property
+    def results(self) -> dict[str, list[TaskResult]]:
+        """Task results by arm."""
+        return {arm: task_results(self.scenario, self.rows, arm) for arm in self.scenario.arms}
+
+    def rounds(self, arm: str) -> dict[int, float]:
+        """t_i by task."""
+        return {result.task: result.rounds for result in self.results[arm]}
+
+
+def load_run(path: str | Path) -> Run:
+    """Read a run directory, also of a run that was cut short.
+
+    Raises:
+        ConfigurationError: `path` is not a directory.
+        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage).
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
+    manifest = _manifest(path)
+    summary = _json(path / SUMMARY) if (path / SUMMARY).exists() else None
+    cut: list[str] = []
+    done = summary is not None
+    return Run(
+        path=path,
+        manifest=manifest,
+        scenario=_scenario(manifest, path / MANIFEST),
+        rows=_lines(path / ROUNDS, RoundRow, needed=done, cut=cut),
+        meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None),
+        progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
+        summary=summary,
+        cut=cut,
+    )
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    file = path / MANIFEST
+    if not file.exists():
+        raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
+    manifest = _json(file)
+    if manifest.get("schema") != SCHEMA:
+        raise RunError(f"{file}: schema {manifest.get('schema')!r}, this version reads {SCHEMA}")
+    for key in ("run", "scenario"):
+        if key not in manifest:
+            raise RunError(f"{file}: damaged, it has no {key!r}")
+    return manifest
+
+
+def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
+    try:
+        return scenario_from(manifest["scenario"], str(file))
+    except ConfigurationError as error:
+        raise RunError(f"{file}: damaged: {error}") from error
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunError(f"{file}: cannot be read: {error}") from error
+    if not isinstance(found, dict):
+        raise RunError(f"{file}: damaged, expected a JSON object")
+    return found
+
+
+def _lines(file: Path, model: type[T], needed: bool, cut: list[str] | None) -> list[T]:
+    """Rows of a JSON-lines file. A torn last line is left out and told in `cut`; with None it is damage too."""
+    if not file.exists():
+        if needed:
+            raise RunError(f"{file}: missing, though the run has a {SUMMARY}")
+        return []
+    try:
+        lines = file.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise RunError(f"{file}: cannot be read: {error.strerror}") from error
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            rows.append(model.model_validate_json(line))
+        except ValidationError as error:
+            if cut is not None and number == len(lines) and not line.endswith(b"\n"):
+                cut.append(file.name)
+                break
+            raise RunError(f"{file}, line {number}: damaged: {error.errors()[0]['msg']}") from error
+    return rows

@@ -1,0 +1,262 @@
+"""Reading, printing and pricing again the made-up run of conftest.py."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from common.energy import TABLE_I
+from common.errors import ConfigurationError, RunError
+from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
+from common.scenario import Energy
+from fleet.pricing import summarise
+from fleet.report import load_run, print_report, report, reprice
+from fleet.report_columns import closed_parts, columns, control_j, measured_parts
+from fleet.report_text import bytes_text, joules_text, notes, verdicts
+
+
+@pytest.fixture
+def complete(write_run, facts) -> Path:
+    return write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
+
+
+@pytest.fixture
+def interrupted(write_run) -> Path:
+    path = write_run()
+    with (path / ROUNDS).open("a") as file:
+        file.write('{"phase": "fl", "arm": "ma')
+    return path
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in path.iterdir() if file.is_file()}
+
+
+def printed(path: Path, **options: float) -> str:
+    console = Console(file=io.StringIO(), width=160)
+    report(path, console=console, **options)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_a_complete_run_is_read_whole(complete, facts) -> None:
+    run = load_run(complete)
+    assert (run.name, run.status, run.t0, run.cut) == ("made-up", "complete", 3, [])
+    assert (len(run.rows), len(run.meter_rows), len(run.progress)) == (len(facts.rows), len(facts.meter_rows), 3)
+    assert run.rounds("no_maml") == {1: 10, 2: 20}
+
+
+def test_an_interrupted_run_is_read_as_far_as_it_got(interrupted, facts) -> None:
+    run = load_run(interrupted)
+    assert (run.status, run.cut, run.meter_rows) == ("interrupted", [ROUNDS], [])
+    assert len(run.rows) == len(facts.rows)
+
+
+def test_an_interrupted_run_prints_what_is_known(interrupted) -> None:
+    text = printed(interrupted)
+    assert "interrupted" in text
+    assert "No byte counters were written" in text
+    assert "2.365 kJ" in text  # MAML learning is known from the rows
+
+
+def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None:
+    run = load_run(interrupted)
+    measured = measured_parts(run, "maml", run.scenario.energy)
+    assert (measured["ml_learning"], measured["total"]) == (pytest.approx(2364.72), None)
+    assert closed_parts(run, "maml", run.scenario.energy)["total"] is not None
+
+
+def test_a_run_with_no_rows_yet_is_printed(write_run, facts) -> None:
+    facts.rows.clear()
+    path = write_run()
+    assert "interrupted" in printed(path)
+
+
+def test_no_such_directory() -> None:
+    with pytest.raises(ConfigurationError, match="no such directory"):
+        load_run("runs/nowhere")
+
+
+def test_a_directory_that_is_not_a_run(tmp_path) -> None:
+    with pytest.raises(RunError, match=r"no manifest\.json"):
+        load_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        (MANIFEST, "{", "cannot be read"),
+        (MANIFEST, "[]", "expected a JSON object"),
+        (MANIFEST, '{"schema": 2}', "schema 2, this version reads 1"),
+        (MANIFEST, '{"schema": 1, "run": "x"}', "no 'scenario'"),
+        (MANIFEST, '{"schema": 1, "run": "x", "scenario": {}}', "damaged"),
+        (SUMMARY, "{", "cannot be read"),
+        (ROUNDS, '{"phase": "fl"}\n{}\n', "line 1: damaged"),
+        (METER, '{"side": "bro', "line 1: damaged"),
+        (PROGRESS, "{}\n", "line 1: damaged"),
+    ],
+)
+def test_a_damaged_file_is_named(complete, name: str, content: str, says: str) -> None:
+    (complete / name).write_text(content)
+    with pytest.raises(RunError, match=re.escape(says)) as caught:
+        load_run(complete)
+    assert name in str(caught.value)
+
+
+def test_a_finished_run_must_have_its_rounds(complete) -> None:
+    (complete / ROUNDS).unlink()
+    with pytest.raises(RunError, match=r"rounds\.jsonl: missing"):
+        load_run(complete)
+
+
+def test_columns_side_by_side(complete) -> None:
+    run = load_run(complete)
+    found = {column.label: column.joules for column in columns(run, "maml", run.scenario.energy)}
+    assert found["paper (t0 = 210)"]["total"] == 106e3
+    assert found["published prices"]["total"] == pytest.approx(3520.2)  # 3 x 352.4 + 10 x 246.3 J
+    # 3 rounds x 2 robots x (20 x 1.67 x 11.8 J + 984 J) + 4 x 224 J + 10 rounds x 260.8 J
+    assert found["Table I sizes"]["total"] == pytest.approx(6 * (394.12 + 984) + 896 + 2608)
+    assert found["measured payload"]["total"] == pytest.approx(3187.92)
+    # packets: up 132,000 B, down 20,200 B at 200 kb/J, sidelinks 100,800 B at 500 kb/J
+    assert found["measured packets"]["ml_communication"] == pytest.approx(5.28 + 0.808)
+    assert found["measured packets"]["fl_communication"] == pytest.approx(1.6128)
+
+
+def test_scenario_sizes_of_a_paper_size_scenario_are_near_table_i(complete) -> None:
+    run = load_run(complete)
+    ours = closed_parts(run, "maml", run.scenario.energy)["total"]
+    papers = closed_parts(run, "maml", run.scenario.energy, TABLE_I)["total"]
+    assert ours is not None
+    assert ours == pytest.approx(papers, rel=0.01)
+
+
+def test_control_is_priced_apart(complete) -> None:
+    run = load_run(complete)
+    # 4 x 100 B down and 300 B to the recorder, both at 200 kb/J
+    assert control_j(run, "maml", run.scenario.energy) == pytest.approx(0.028)
+
+
+def test_pricing_again_scales_communication_only(complete) -> None:
+    run = load_run(complete)
+    energy, suffix = reprice(run.scenario.energy, ul=500, sl=200)
+    parts = measured_parts(run, "maml", energy)
+    assert suffix == "-ul500-sl200"
+    assert parts["ml_communication"] == pytest.approx(2.24)  # 140,000 B x 8 / 500 kb/J
+    assert parts["fl_communication"] == pytest.approx(4.0)  # 100,000 B x 8 / 200 kb/J
+    assert parts["ml_learning"] == pytest.approx(2364.72)
+    assert {column.label: column.joules["total"] for column in columns(run, "maml", energy)}["published prices"] is None
+
+
+def test_the_same_prices_are_no_repricing() -> None:
+    assert reprice(Energy(), ul=200, sl=500, pue=1.67) == (Energy(), "")
+
+
+def test_every_price_can_be_changed() -> None:
+    energy, suffix = reprice(Energy(), dl=100, pue=1.2, beta=2, via_base_station=True)
+    assert (energy.dl_bit_per_j, energy.pue, energy.beta, energy.sidelink) == (100e3, 1.2, 2, "via_base_station")
+    assert suffix == "-dl100-pue1.2-beta2-via-base-station"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("ul", 0.0, "--ul 0: expected a number above 0, in kb/J"),
+        ("sl", -5.0, "--sl -5: expected"),
+        ("dl", float("nan"), "--dl nan: expected"),
+        ("pue", 0.9, "--pue 0.9: expected a number of 1 or more"),
+        ("beta", float("inf"), "--beta inf: expected"),
+    ],
+)
+def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(says)):
+        reprice(Energy(), **{option: value})
+
+
+def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
+    before = contents(complete)
+    text = printed(complete, ul_kb_per_j=500, sl_kb_per_j=200, figures=True, html=True)
+    assert "E_UL 500" in text
+    after = contents(complete)
+    assert after.pop("report-ul500-sl200.html")
+    assert after == before
+    assert sorted(file.name for file in (complete / "figures").iterdir()) == [
+        "energy-ul500-sl200.png",
+        "energy-ul500-sl200.svg",
+    ]
+
+
+def test_verdict_says_whether_meta_learning_pays(complete) -> None:
+    run = load_run(complete)
+    lines = verdicts(run, run.scenario.energy)
+    assert "meta-learning pays: 2.14x (paper)" in lines  # 227 / 106 kJ
+    assert "meta-learning pays: 2.10x (published prices)" in lines  # 7389 / 3520.2 J
+    assert "meta-learning does not pay: 0.77x (measured payload)" in lines  # 2452.8 / 3187.92 J
+
+
+def test_no_verdict_on_one_arm(write_run, facts) -> None:
+    run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows), arms=["no_maml"]))
+    assert verdicts(run, run.scenario.energy) == []
+    print_report(run, console=Console(file=io.StringIO()))
+
+
+def test_notes_tell_what_is_missing(complete, facts) -> None:
+    run = load_run(complete)
+    text = " ".join(notes(run, run.scenario.energy))
+    assert "Not learned: task 2 without MAML" in text
+    assert "Published prices: 352.4 J" in text
+    text = " ".join(notes(run, Energy(sl_bit_per_j=200e3, dl_bit_per_j=1e5)))
+    assert "(200, 500) kb/J only" in text
+    assert "E_DL is not given" not in text
+
+
+def test_a_run_metered_by_its_clients_says_so(write_run, facts) -> None:
+    facts.meter_rows[:] = [row for row in facts.meter_rows if row.side == "client"]
+    run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows)))
+    assert any("Metered by the clients" in line for line in notes(run, run.scenario.energy))
+
+
+def test_html_is_one_file_with_everything_in_it(complete) -> None:
+    (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
+    text = path.read_text(encoding="utf-8")
+    assert path.name == "report.html"
+    assert text.count("<svg") == 4
+    assert not re.search(r"""(src|href)=["']?(https?:|//|data:)|@import|<script|<link""", text)
+    assert "currentColor" in text
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    used = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
+    assert used <= set(ids)
+
+
+def test_html_escapes_what_came_from_outside(complete) -> None:
+    manifest = json.loads((complete / MANIFEST).read_text())
+    manifest["run"] = "<b>x</b>"
+    (complete / MANIFEST).write_text(json.dumps(manifest))
+    (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
+    assert "<b>x</b>" not in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("size", "text"), [(0, "0 B"), (999, "999 B"), (5_565_072, "5.565 MB"), (24_600, "24.6 kB"), (3.1e9, "3.1 GB")]
+)
+def test_bytes_as_text(size: float, text: str) -> None:
+    assert bytes_text(size) == text
+
+
+@pytest.mark.parametrize(
+    ("joules", "text"),
+    [
+        (None, "-"),
+        (0.0, "0 J"),
+        (5.6, "5.6 J"),
+        (999.0, "999 J"),
+        (1234.56, "1.235 kJ"),
+        (106e3, "106 kJ"),
+        (1.5e6, "1.5 MJ"),
+    ],
+)
+def test_joules_as_text(joules: float | None, text: str) -> None:
+    assert joules_text(joules) == text
