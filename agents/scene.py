@@ -42,14 +42,13 @@ class Scene:
     rows: int
     cols: int
     floor: Picture
-    left: Picture
-    right: Picture
-    front: Picture
+    ceiling: Picture
+    walls: Picture  # left, right and front side by side; the one behind is never seen
     pillars: tuple[Pillar, ...]
 
 
 def build_scene(rows: int, cols: int, obstacles: frozenset[Cell]) -> Scene:
-    """A walled hall with patterned floor, one two-coloured post right of each landmark, and obstacles as barrels."""
+    """A hall with patterned floor and ceiling, a two-coloured post ahead of each landmark, obstacles as barrels."""
     rng = np.random.default_rng(_LOOK_SEED)
     length, breadth = rows - 1 + 2 * BORDER, cols - 1 + 2 * BORDER
     posts = [_post(r, c, r * cols + c) for r in range(rows) for c in range(cols)]
@@ -57,10 +56,15 @@ def build_scene(rows: int, cols: int, obstacles: frozenset[Cell]) -> Scene:
     return Scene(
         rows,
         cols,
-        floor=_floor(rng, length, breadth),
-        left=_wall(rng, length, hues=(0.0, 0.14), panel=0.5),
-        right=_wall(rng, length, hues=(0.5, 0.7), panel=0.8),
-        front=_wall(rng, breadth, hues=(0.2, 0.45), panel=0.35),
+        floor=_patches(rng, length, breadth, (30, 210)),
+        ceiling=_patches(rng, length, breadth, (110, 250)),
+        walls=np.hstack(
+            [
+                _wall(rng, length, hues=(0.0, 0.14), panel=0.7),
+                _wall(rng, length, hues=(0.5, 0.7), panel=0.9),
+                _wall(rng, breadth, hues=(0.2, 0.45), panel=0.9),
+            ]
+        ),
         pillars=(*posts, *barrels),
     )
 
@@ -75,13 +79,10 @@ def cast(scene: Scene, x: float, y: float, width: int, height: int, focal: float
     ahead = scene.rows - 1 + BORDER - y
     with np.errstate(divide="ignore"):
         side = np.where(across < 0, (-BORDER - x) / across, (scene.cols - 1 + BORDER - x) / across)
-        ground = np.where(down > 0, CAMERA_HEIGHT / down, np.inf).astype(np.float32)
+        level = np.where(down > 0, CAMERA_HEIGHT, WALL_HEIGHT - CAMERA_HEIGHT).astype(np.float32) / np.abs(down)
     wall = np.minimum(side, ahead)
-    depth = np.minimum(wall[None, :], ground[:, None])
+    depth = np.minimum(wall[None, :], level[:, None])
     picture = _shade(_backdrop(scene, x, y, across, down, wall, ahead, depth), depth)
-    above = CAMERA_HEIGHT - down[:, None] * wall[None, :] > WALL_HEIGHT
-    picture[above] = (196, 204, 214)
-    depth[above] = np.inf
     for pillar in sorted(scene.pillars, key=lambda each: -each.y):
         _draw(picture, depth, pillar, pillar.x - x, pillar.y - y, across, down)
     return picture, depth
@@ -90,33 +91,25 @@ def cast(scene: Scene, x: float, y: float, width: int, height: int, focal: float
 def _backdrop(
     scene: Scene, x: float, y: float, across: Floats, down: Floats, wall: Floats, ahead: float, depth: Floats
 ) -> Picture:
-    """Floor and wall colours, uint8 [height, width, 3]."""
+    """Colours of walls, floor and ceiling, uint8 [height, width, 3]."""
     at_x, at_y = x + across * depth + BORDER, y + depth + BORDER
-    picture = _texel(scene.floor, at_y, at_x)
     up = WALL_HEIGHT - (CAMERA_HEIGHT - down[:, None] * depth)
+    length, is_front = scene.rows - 1 + 2 * BORDER, wall >= ahead
+    along = np.where(is_front, 2 * length + at_x, np.where(across < 0, at_y, length + at_y))
     is_wall = depth == wall[None, :]
-    front = wall >= ahead
-    for texture, columns in (
-        (scene.front, front),
-        (scene.left, ~front & (across < 0)),
-        (scene.right, ~front & (across > 0)),
-    ):
-        along = at_x if texture is scene.front else at_y
-        hit = is_wall[:, columns]
-        seen = _texel(texture, up[:, columns], along[:, columns])
-        picture[:, columns] = np.where(hit[..., None], seen, picture[:, columns])
-    return picture
+    picture = np.where(down[:, None, None] > 0, _texel(scene.floor, at_y, at_x), _texel(scene.ceiling, at_y, at_x))
+    return np.where(is_wall[..., None], _texel(scene.walls, up, along), picture)
 
 
 def _draw(picture: Picture, depth: Floats, pillar: Pillar, dx: float, dy: float, across: Floats, down: Floats) -> None:
     """Draw a pillar at (dx, dy) from the camera over everything behind it."""
-    if dx * dx + dy * dy <= pillar.radius**2 or dy < 0:
-        return
+    if dx * dx + dy * dy <= pillar.radius**2:
+        return  # inside it
     # |t (across, 1) - (dx, dy)|^2 = radius^2, the nearer solution
     a = across * across + 1
     b = across * dx + dy
     c = dx * dx + dy * dy - pillar.radius**2
-    (columns,) = np.nonzero(b * b > a * c)
+    (columns,) = np.nonzero((b > 0) & (b * b > a * c))
     if not len(columns):
         return
     a, b = a[columns], b[columns]
@@ -151,18 +144,18 @@ def _post(row: int, col: int, number: int) -> Pillar:
     """Colours step through the hues by the golden ratio, so that posts near each other differ."""
     lower = colorsys.hsv_to_rgb(number * 0.618 % 1, 0.9, 0.95)
     upper = colorsys.hsv_to_rgb(number * 0.382 % 1, 0.55, 0.9)
-    return Pillar(col + 0.3, row + 0.5, 0.07, 0.45, (lower, upper))
+    return Pillar(col + 0.35, row + 0.7, 0.12, 0.5, (lower, upper))
 
 
-def _floor(rng: np.random.Generator, length: float, breadth: float) -> Picture:
-    """Large soft patches of colour, speckle, and a seam around each cell."""
+def _patches(rng: np.random.Generator, length: float, breadth: float, levels: tuple[int, int]) -> Picture:
+    """Soft patches of colour as large as a cell, speckle, and seams twice a cell."""
     height, width = round(length * _TEXELS), round(breadth * _TEXELS)
-    patches = rng.uniform(60, 190, (round(length) + 2, round(breadth) + 2, 3)).astype(np.float32)
-    floor = cv2.resize(patches, (width, height), interpolation=cv2.INTER_CUBIC)
-    floor = floor + rng.normal(0, 6, (height, width, 1))
-    floor[:: _TEXELS // 2] *= 0.8
-    floor[:, :: _TEXELS // 2] *= 0.8
-    return np.clip(floor, 0, 255).astype(np.uint8)
+    patches = rng.uniform(*levels, (round(length) + 2, round(breadth) + 2, 3)).astype(np.float32)
+    surface = cv2.resize(patches, (width, height), interpolation=cv2.INTER_CUBIC)
+    surface = surface + rng.normal(0, 6, (height, width, 1))
+    surface[:: _TEXELS // 2] *= 0.8
+    surface[:, :: _TEXELS // 2] *= 0.8
+    return np.clip(surface, 0, 255).astype(np.uint8)
 
 
 def _wall(rng: np.random.Generator, length: float, hues: tuple[float, float], panel: float) -> Picture:

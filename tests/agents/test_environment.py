@@ -1,0 +1,129 @@
+"""The Gymnasium environment."""
+
+import warnings
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import agents
+import agents.environment
+from agents.environment import LandmarksEnv
+from common.errors import ConfigurationError
+from common.scenario import Scenario, load_scenario
+
+FORWARD, BACKWARD, LEFT, RIGHT = range(4)
+PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
+
+
+@pytest.fixture(scope="module")
+def small() -> Scenario:
+    return load_scenario(PAPER, ["camera.width=64", "camera.height=48"])
+
+
+def test_importing_agents_registers_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)  # the default scenario is found from anywhere
+    assert agents.__doc__
+    env = gymnasium.make("jouleswarm/Landmarks-v0", task=2)
+    frame, info = env.reset(seed=1)
+    assert frame.shape == (480, 640, 4)
+    assert info == {"cell": (0, 2), "position_m": (0.0, 2.0), "reached_exit": False}
+    assert isinstance(env.unwrapped, LandmarksEnv)
+    assert env.unwrapped.task_map.exit == (7, 1)
+
+
+def test_gymnasium_finds_nothing_wrong() -> None:
+    env = gymnasium.make("jouleswarm/Landmarks-v0", task=1, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+
+
+def test_scenario_may_be_a_file_or_an_object(small: Scenario) -> None:
+    assert LandmarksEnv(scenario=small, task=3).observation_space.shape == (48, 64, 4)
+    assert LandmarksEnv(scenario=str(PAPER)).task_map == small.task_map(1)
+
+
+def test_a_walk_down_the_path_terminates_at_the_exit(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=2)
+    env.reset(seed=0)
+    steps = [env.step(action) for action in (*[FORWARD] * 5, LEFT, FORWARD, FORWARD)]
+    # L = 8: -0.5 - 2.5 (1 - i/8) on arrival at i = 1..7, then the exit
+    assert [reward for _, reward, *_ in steps] == [-2.6875, -2.375, -2.0625, -1.75, -1.4375, -1.125, -0.8125, 80]
+    assert [(terminated, truncated) for _, _, terminated, truncated, _ in steps] == [(False, False)] * 7 + [
+        (True, False)
+    ]
+    assert steps[-1][4] == {"cell": (7, 1), "position_m": (7.0, 1.0), "reached_exit": True}
+
+
+def test_an_episode_is_truncated_after_20_motions(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=2)
+    for _ in range(2):  # the count starts anew
+        env.reset(seed=0)
+        ends = [env.step(BACKWARD)[1:4] for _ in range(20)]
+        assert ends == [(-3.0, False, False)] * 19 + [(-3.0, False, True)]
+
+
+def test_the_exit_reached_by_the_last_motion_is_no_truncation() -> None:
+    env = LandmarksEnv(scenario=load_scenario(PAPER, ["world.max_motions=7", "camera.width=8"]), task=3)
+    env.reset(seed=0)
+    ends = [env.step(FORWARD)[2:4] for _ in range(7)]
+    assert ends[-1] == (True, False)
+
+
+def test_the_robot_stays_at_the_edge(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=1)
+    env.reset(seed=0, options={"start": (3, 4)})
+    assert env.step(RIGHT)[4]["cell"] == (3, 4)
+
+
+def test_random_starts_are_anywhere_but_the_exit(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=3)
+    env.reset(seed=0)
+    cells = {env.reset(options={"start": "random"})[1]["cell"] for _ in range(600)}
+    # 39 landmarks; the chance to miss a given one in 600 draws is (38/39)^600 < 2e-7
+    assert cells == {(r, c) for r in range(8) for c in range(5)} - {(7, 2)}
+
+
+@pytest.mark.parametrize("start", [(8, 0), (-1, 2), (7, 2), "exit", 3, (1, 2, 3), None])
+def test_a_start_off_the_grid_is_refused(small: Scenario, start: object) -> None:
+    with pytest.raises(ConfigurationError, match="start"):
+        LandmarksEnv(scenario=small, task=3).reset(options={"start": start})
+
+
+def test_same_seed_same_episode(small: Scenario) -> None:
+    def episode(seed: int) -> list[bytes]:
+        env = LandmarksEnv(scenario=small, task=2)
+        frames = [env.reset(seed=seed, options={"start": "random"})[0]]
+        frames += [env.step(action)[0] for action in (FORWARD, LEFT, FORWARD)]
+        return [frame.tobytes() for frame in frames]
+
+    assert episode(4) == episode(4)
+    assert episode(4) != episode(5)
+
+
+def test_tasks_look_the_same(small: Scenario) -> None:
+    frames = [LandmarksEnv(scenario=small, task=task).reset(seed=3)[0] for task in (1, 5)]
+    np.testing.assert_array_equal(*frames)
+
+
+def test_render_shows_the_newest_frame(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, render_mode="rgb_array")
+    frame, _ = env.reset(seed=0)
+    picture = env.render()
+    assert picture is not None
+    np.testing.assert_array_equal(picture, frame[..., :3])
+    assert LandmarksEnv(scenario=small).render() is None
+
+
+def test_an_unknown_task_is_refused(small: Scenario) -> None:
+    with pytest.raises(ConfigurationError, match=r"task 7 is not in scenario paper, expected one of \[1, 2, 3"):
+        LandmarksEnv(scenario=small, task=7)
+
+
+def test_a_missing_default_scenario_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(agents.environment, "_PAPER", tmp_path / "paper.toml")
+    with pytest.raises(ConfigurationError, match="pass scenario="):
+        LandmarksEnv()

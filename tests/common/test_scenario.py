@@ -1,0 +1,146 @@
+"""Scenario files: what they resolve to, and one clear line for each thing that can be wrong."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import ConfigurationError
+from common.scenario import Scenario, load_scenario, scenario_from
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+MAP = "E*\n.X"
+
+
+def two_tasks(**changes: Any) -> dict[str, Any]:
+    tasks = [{"id": 1, "map": MAP}, {"id": 4, "map": MAP, "robots": 3}]
+    meta = {"t0": 3, "training_tasks": [1]}
+    return {"name": "two", "world": {"rows": 2, "cols": 2}, "tasks": tasks, "meta": meta, **changes}
+
+
+def refused(data: dict[str, Any]) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        scenario_from(data, "two.toml")
+    message = str(caught.value)
+    assert message.startswith("scenario two.toml: ")
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenarios_are_valid_and_named_after_their_file(path: Path) -> None:
+    assert load_scenario(path).name == path.stem
+
+
+def test_paper_scenario_is_the_papers_deployment() -> None:
+    paper = load_scenario(SCENARIOS / "paper.toml")
+    assert paper.agents == tuple(range(1, 13))
+    assert paper.meta.training_tasks == (1, 2, 6)
+    assert paper.meta.t0 == 210
+    assert {task.id: paper.task_map(task.id).exit for task in paper.tasks} == {
+        1: (7, 0),
+        2: (7, 1),
+        3: (7, 2),
+        4: (7, 3),
+        5: (4, 4),
+        6: (7, 4),
+    }
+    assert {paper.task_map(task.id).path[:3] for task in paper.tasks} == {((0, 2), (1, 2), (2, 2))}  # common stem
+    frame_bytes = paper.camera.width * paper.camera.height * 4
+    assert paper.learning.motions_per_round * frame_bytes == 24_576_000
+
+
+def test_robots_are_numbered_in_the_order_of_the_tasks() -> None:
+    scenario = scenario_from(two_tasks(), "two.toml")
+    assert scenario.clusters == {1: (1, 2), 4: (3, 4, 5)}
+    assert scenario.cluster(4) == (3, 4, 5)
+    assert scenario.agents == (1, 2, 3, 4, 5)
+    assert [scenario.task_of(agent) for agent in scenario.agents] == [1, 1, 4, 4, 4]
+    assert scenario.training_agents == {1: (1,)}
+
+
+def test_a_robot_that_is_not_there_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="robot 6 is not in the scenario"):
+        scenario_from(two_tasks(), "two.toml").task_of(6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "a b"}, 'name: String should match pattern .*, got "a b"'),
+        ({"sed": 1}, "sed: Extra inputs are not permitted"),
+        ({"seed": -1}, "seed: .*greater than or equal to 0, got -1"),
+        ({"tasks": []}, "tasks: .*at least 1 item"),
+        ({"world": {"rows": 3, "cols": 2}}, r"task 1: map has 2 rows, expected 3 \(world.rows\)"),
+        ({"tasks": [{"id": 1, "map": MAP}, {"id": 1, "map": MAP}]}, r"tasks have ids \[1, 1\]"),
+        ({"tasks": [{"id": 1, "map": MAP, "rewards": [1, 2]}]}, "task 1: 2 rewards, expected 4"),
+        ({"tasks": [{"id": 1}]}, "tasks.0.map: Field required"),
+        ({"arms": []}, "arms: name each arm once"),
+        ({"arms": ["maml", "maml"]}, "arms: name each arm once"),
+        ({"meta": {"t0": 0, "training_tasks": [1]}}, "meta.t0 is 0, expected 1 or more"),
+        ({"meta": {"training_tasks": [1, 2]}}, r"meta.training_tasks \(1, 2\) are not all among the tasks \[1, 4\]"),
+        ({"meta": {"t0": 3, "snapshots": [2, 4], "training_tasks": [1]}}, "snapshots .* reach past meta.t0 = 3"),
+        ({"meta": {"training_tasks": [1], "robots_per_task": 3}}, "robots_per_task is 3, task 1 has 2"),
+        ({"federation": {"topology": "random", "degree": 1}}, "task 4: no 1-regular graph of 3 robots exists"),
+        ({"learning": {"epsilon": 1.5}}, "learning.epsilon: .*less than or equal to 1, got 1.5"),
+        ({"camera": {"width": "wide"}}, 'camera.width: .*valid integer.*, got "wide"'),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], message: str) -> None:
+    assert re.search(message, refused(two_tasks(**changes)))
+
+
+def test_without_the_maml_arm_the_meta_section_does_not_matter() -> None:
+    assert scenario_from(two_tasks(arms=["no_maml"], meta={"t0": 0, "training_tasks": [9]}), "x").arms == ("no_maml",)
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "s.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+ONE_TASK = f"""
+name = "s"
+arms = ["no_maml"]
+world = {{ rows = 2, cols = 2 }}
+tasks = [{{ id = 1, map = '''
+{MAP}
+''' }}]
+"""
+
+
+def test_overrides_are_toml_values_or_plain_text(tmp_path: Path) -> None:
+    scenario: Scenario = load_scenario(
+        write(tmp_path, ONE_TASK), ["seed=7", "meta.snapshots=[2]", "federation.topology=ring", "world.cell_m=0.5"]
+    )
+    assert (scenario.seed, scenario.meta.snapshots) == (7, (2,))
+    assert (scenario.federation.topology, scenario.world.cell_m) == ("ring", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("meta.t0", "override 'meta.t0': expected section.key=value"),
+        ("=3", "override '=3': expected section.key=value"),
+        ("name.first=3", "override 'name.first=3': 'name' is not a section"),
+        ("meta.t9=3", "meta.t9: Extra inputs are not permitted"),
+    ],
+)
+def test_a_bad_override_is_explained(tmp_path: Path, override: str, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        load_scenario(write(tmp_path, ONE_TASK), [override])
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"none\.toml: cannot be read \(No such file"):
+        load_scenario(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("content", [b"name = ", b"\xff\xfe"])
+def test_a_file_that_is_not_toml_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"bad\.toml: not valid TOML"):
+        load_scenario(path)
