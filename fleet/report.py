@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAVY
 from rich.console import Console
 from rich.table import Table
 
@@ -115,7 +116,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
 
 
 def _table(text: TextTable) -> Table:
-    table = Table(title=text.title)
+    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
     for place, heading in enumerate(text.headings):
         table.add_column(heading, justify="right" if place else "left")
     for number, row in enumerate(text.rows):

@@ -47,7 +47,7 @@ def rounds_table(run: Run) -> TextTable:
     """Rounds, reward and path error of each task, arm beside arm."""
     headings = ["task"]
     for arm in run.scenario.arms:
-        headings += [f"{heading}, {ARM_NAMES[arm]}" for heading in ("t_i", "R", "RMSE (m)", "learned")]
+        headings += [f"{heading} {ARM_NAMES[arm]}" for heading in ("t_i", "R", "RMSE (m)", "learned")]
     rows = []
     for place, task in enumerate(run.scenario.clusters):
         cells = [str(task)]
