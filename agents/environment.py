@@ -40,6 +40,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         task: id of the scenario's task; default its first.
         scenario: a Scenario or a scenario file; default the paper's six tasks.
         render_mode: None or "rgb_array" (the camera's newest picture).
+        camera: another environment's `camera`, of the same scenario, to share its memory; in one thread only.
 
     Raises:
         ConfigurationError: the scenario cannot be read, has no such task, or a start is not on the grid.
@@ -49,7 +50,11 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
 
     def __init__(
-        self, task: int | None = None, scenario: Scenario | str | Path | None = None, render_mode: str | None = None
+        self,
+        task: int | None = None,
+        scenario: Scenario | str | Path | None = None,
+        render_mode: str | None = None,
+        camera: Camera | None = None,
     ) -> None:
         scenario = _resolve(scenario)
         ids = [each.id for each in scenario.tasks]
@@ -60,7 +65,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         self.task_map = scenario.task_map(task)
         self.rewards = task_table(scenario, task)
         self._world = scenario.world
-        self._camera = Camera(scenario.world, scenario.camera, shared_obstacles(scenario))
+        self.camera = camera or Camera(scenario.world, scenario.camera, shared_obstacles(scenario))
         self._cell, self._motions = self.task_map.entry, 0
         shape = (scenario.camera.height, scenario.camera.width, 4)
         self._frame: Frame = np.zeros(shape, np.uint8)
@@ -85,7 +90,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         return self._frame[..., :3] if self.render_mode == "rgb_array" else None
 
     def _look(self) -> Frame:
-        self._frame = self._camera.frame(self._cell, self.np_random)
+        self._frame = self.camera.frame(self._cell, self.np_random)
         return self._frame
 
     def _info(self) -> Info:

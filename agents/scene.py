@@ -96,9 +96,12 @@ def _backdrop(
     up = WALL_HEIGHT - (CAMERA_HEIGHT - down[:, None] * depth)
     length, is_front = scene.rows - 1 + 2 * BORDER, wall >= ahead
     along = np.where(is_front, 2 * length + at_x, np.where(across < 0, at_y, length + at_y))
-    is_wall = depth == wall[None, :]
-    picture = np.where(down[:, None, None] > 0, _texel(scene.floor, at_y, at_x), _texel(scene.ceiling, at_y, at_x))
-    return np.where(is_wall[..., None], _texel(scene.walls, up, along), picture)
+    picture = np.empty((*depth.shape, 3), np.uint8)
+    below, is_wall = down > 0, depth == wall[None, :]
+    for texture, rows in ((scene.floor, below), (scene.ceiling, ~below)):
+        picture[rows] = _texel(texture, at_y[rows], at_x[rows])
+    picture[is_wall] = _texel(scene.walls, up[is_wall], along[is_wall])
+    return picture
 
 
 def _draw(picture: Picture, depth: Floats, pillar: Pillar, dx: float, dy: float, across: Floats, down: Floats) -> None:
@@ -115,15 +118,16 @@ def _draw(picture: Picture, depth: Floats, pillar: Pillar, dx: float, dy: float,
     a, b = a[columns], b[columns]
     root = np.sqrt(b * b - a * c)
     t = (b - root) / a
-    z = CAMERA_HEIGHT - down[:, None] * t[None, :]
-    view = slice(columns[0], columns[-1] + 1)
-    hit = (z >= 0) & (z <= pillar.height) & (t[None, :] < depth[:, view])
+    top, bottom = np.searchsorted(down, [(CAMERA_HEIGHT - pillar.height) / t.min(), CAMERA_HEIGHT / t.min()])
+    view = slice(top, bottom), slice(columns[0], columns[-1] + 1)
+    z = CAMERA_HEIGHT - down[view[0], None] * t[None, :]
+    hit = (z >= 0) & (z <= pillar.height) & (t[None, :] < depth[view])
     facing = root / (np.sqrt(a) * pillar.radius)  # cosine between the ray and the surface
     light = _fog(t) * (0.45 + 0.55 * facing)
     low, high = (np.array(colour, np.float32) * 255 for colour in pillar.colours)
     colour = np.where((z > pillar.height / 2)[..., None], high, low) * light[None, :, None]
-    picture[:, view][hit] = colour[hit].astype(np.uint8)
-    depth[:, view][hit] = np.broadcast_to(t, z.shape)[hit]
+    picture[view][hit] = colour[hit].astype(np.uint8)
+    depth[view][hit] = np.broadcast_to(t, z.shape)[hit]
 
 
 def _fog(distance: Floats) -> Floats:

@@ -109,6 +109,12 @@ def test_tasks_look_the_same(small: Scenario) -> None:
     np.testing.assert_array_equal(*frames)
 
 
+def test_a_shared_camera_changes_nothing(small: Scenario) -> None:
+    alone = LandmarksEnv(scenario=small, task=1)
+    shared = LandmarksEnv(scenario=small, task=1, camera=LandmarksEnv(scenario=small, task=2).camera)
+    np.testing.assert_array_equal(alone.reset(seed=3)[0], shared.reset(seed=3)[0])
+
+
 def test_render_shows_the_newest_frame(small: Scenario) -> None:
     env = LandmarksEnv(scenario=small, render_mode="rgb_array")
     frame, _ = env.reset(seed=0)
