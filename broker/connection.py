@@ -35,9 +35,13 @@ class PeerGone(ConnectionError):
 class MalformedPacket(Exception):
     """A packet that MQTT 3.1.1 does not allow. It costs its sender the connection, nobody else anything."""
 
+    event = "refused_malformed"
+
 
 class MessageTooLarge(MalformedPacket):
     """A packet over the size limit, known from its fixed header, before anything is allocated."""
+
+    event = "refused_too_large"
 
 
 class Packet(NamedTuple):
@@ -265,6 +269,8 @@ class Connection(WriterAdapter):  # type: ignore[misc]
 
     def overdue(self, now_s: float) -> str | None:
         """Why this connection must be ended for making no progress, if it must."""
+        if self.closed_because is not None:
+            return None
         stall_s = self._limits.stall_timeout_s
         if self._in_packet and not self.waits_for_room and now_s - self.last_received_s > stall_s:
             return f"it stopped in the middle of a packet for {stall_s:g} s"

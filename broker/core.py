@@ -10,13 +10,12 @@ from typing import Any
 from amqtt.adapters import BufferReader
 from amqtt.broker import Broker
 from amqtt.contexts import Action, BrokerConfig
-from amqtt.errors import MQTTError
 from amqtt.events import BrokerEvents
 from amqtt.mqtt.packet import CONNECT, MQTTFixedHeader
 from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
 
-from broker.connection import Connection, MalformedPacket, MessageTooLarge, PeerGone
+from broker.connection import Connection, MalformedPacket, PeerGone
 from broker.handler import CODEC_ERRORS, ClientHandler
 from broker.limits import OVERHEAD_BYTES, Budget, Limits
 from broker.meter import BrokerMeter
@@ -60,31 +59,33 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             async with asyncio.timeout(self.limits.connect_timeout_s):
                 first, body, cost_bytes = await connection.read_packet(CONNECT_BYTES)
             self.budget.release(cost_bytes)
-            if first != CONNECT << 4:
-                raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
+            _check_connect(first, body)
             fixed = MQTTFixedHeader(CONNECT, 0, len(body)).to_bytes()
             await self.external_connected(BufferReader(fixed + body), connection, LISTENER)
         except TimeoutError:
-            self._refuse(connection, "connect_timeout", f"no CONNECT within {self.limits.connect_timeout_s:g} s")
-        except MessageTooLarge as error:
-            self._refuse(connection, "too_large", str(error))
-        except (MalformedPacket, *CODEC_ERRORS) as error:
-            self._refuse(connection, "malformed", str(error))
+            reason = f"no CONNECT within {self.limits.connect_timeout_s:g} s"
+            self._refuse(connection, "refused_connect_timeout", reason)
+        except MalformedPacket as error:
+            self._refuse(connection, error.event, str(error))
         except PeerGone as error:
             logger.debug("%s: %s", connection.peer, error)
         finally:
             connection.abort("the session has ended")
 
-    def _refuse(self, connection: Connection, what: str, reason: str) -> None:
-        self.meter.event(f"refused_{what}")
+    def _refuse(self, connection: Connection, event: str, reason: str) -> None:
+        self.meter.event(event)
         logger.warning("connection from %s:%d closed: %s", *connection.peer, reason)
+        connection.abort(reason)
 
     async def _initialize_client_session(
         self, reader: BufferReader, writer: Connection, _address: str, _port: int
     ) -> tuple[ClientHandler, Session]:
-        _, session = await BrokerProtocolHandler.init_from_connect(reader, writer, self.plugins_manager)
+        try:
+            _, session = await BrokerProtocolHandler.init_from_connect(reader, writer, self.plugins_manager)
+        except CODEC_ERRORS as error:
+            raise MalformedPacket(f"CONNECT: {error}") from error
         if session.will_flag and (not session.will_topic or any(char in session.will_topic for char in "+#\0")):
-            raise MQTTError(f"last will on topic {session.will_topic!r}, which cannot be published on")
+            raise MalformedPacket(f"last will on topic {session.will_topic!r}, which cannot be published on")
         return ClientHandler(self, writer), session
 
     async def _handle_client_session(
@@ -108,6 +109,8 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             await self._fire(BrokerEvents.CLIENT_CONNECTED, session)
             self._resume(session, handler)
             await handler.serve()
+        except MalformedPacket as error:
+            self._refuse(writer, error.event, str(error))
         finally:
             await self._leave(session, handler)
 
@@ -254,3 +257,15 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     ) -> None:
         """amqtt's way to publish; its own loop would build the text of every payload for a log line."""
         await self.accept(session, Publication(topic, memoryview(data), force_qos or 0), retain=False)
+
+
+def _check_connect(first: int, body: bytearray) -> None:
+    """Whether a CONNECT packet's strings fill it exactly (section 3.1): amqtt makes do with what there is."""
+    if first != CONNECT << 4:
+        raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
+    flags, end = (body[7], 10) if len(body) > 10 else (0, 0)
+    will, password, user = flags >> 2 & 1, flags >> 6 & 1, flags >> 7
+    for _ in range(1 + 2 * will + password + user):
+        end += 2 + int.from_bytes(body[end : end + 2], "big")
+    if end != len(body):
+        raise MalformedPacket(f"CONNECT whose fields end at byte {end} of {len(body)}")

@@ -62,6 +62,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         self.left_cleanly = False
         self._broker = broker
         self._waiting: deque[tuple[Publication, bool]] = deque()
+        self._acknowledged_s = 0.0
+        self._kept_bytes = 0
 
     # Packets from the client
 
@@ -143,14 +145,15 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         publication.hold()
         if qos == 0:
             self._transmit(publication, None, retain=retain)
-        elif len(self.session.inflight_out) < INFLIGHT_LIMIT:
-            self._begin(publication, retain)
-        else:
+        elif self._waiting or not self._has_window(publication):
             self._waiting.append((publication, retain))
+        else:
+            self._begin(publication, retain)
 
     def resume(self) -> None:
         """Send again what an earlier connection of this session left unacknowledged (MQTT 3.1.1, section 4.4)."""
         for packet_id, delivery in tuple(self.session.inflight_out.items()):
+            self._kept_bytes += len(delivery.publication.payload)
             delivery.publication.hold()
             self._transmit(delivery.publication, packet_id, delivery, dup=delivery.begun, retain=delivery.retain)
 
@@ -159,7 +162,25 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         waiting, self._waiting = self._waiting, deque()
         return [publication for publication, _ in waiting]
 
+    def overdue(self, now_s: float) -> str | None:
+        """Why this client must be dropped for taking nothing of what waits for it, if it must."""
+        stall_s = self._broker.limits.stall_timeout_s
+        if self._waiting and now_s - self._acknowledged_s > stall_s:
+            return f"it acknowledged nothing for {stall_s:g} s while {len(self._waiting)} messages waited for it"
+        return self.connection.overdue(now_s)
+
+    def _has_window(self, publication: Publication) -> bool:
+        # A clean session's payload is forgotten when written; a persistent one's is kept until the PUBACK.
+        kept_bytes = 0 if self.session.clean_session else self._kept_bytes + len(publication.payload)
+        return len(self.session.inflight_out) < INFLIGHT_LIMIT and (
+            kept_bytes <= self._broker.limits.offline_bytes or not self.session.inflight_out
+        )
+
     def _begin(self, publication: Publication, retain: bool) -> None:
+        if not self.session.inflight_out:
+            self._acknowledged_s = self._loop.time()
+        if not self.session.clean_session:
+            self._kept_bytes += len(publication.payload)
         packet_id = self.session.next_packet_id
         delivery = Delivery(publication, retain)
         self.session.inflight_out[packet_id] = delivery
@@ -193,7 +214,13 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         self.connection.send(header, publication.payload, done)
 
     def _on_puback(self, packet_id: int) -> None:
-        if self.session.inflight_out.pop(packet_id, None) is not None and self._waiting:
+        delivery = self.session.inflight_out.pop(packet_id, None)
+        if delivery is None:
+            return
+        self._acknowledged_s = self._loop.time()
+        if delivery.publication is not None:
+            self._kept_bytes -= len(delivery.publication.payload)
+        while self._waiting and self._has_window(self._waiting[0][0]):
             self._begin(*self._waiting.popleft())
 
     # amqtt's handler interface

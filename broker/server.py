@@ -183,12 +183,15 @@ async def watch(broker: SwarmBroker) -> None:
         now_s = loop.time()
         for handler in tuple(broker.handlers):
             connection = handler.connection
+            silence_s = now_s - connection.last_received_s
             allowed_s = KEEPALIVE_FACTOR * handler.session.keep_alive
-            reason, what = connection.overdue(now_s), "stalled"
-            if allowed_s and not connection.waits_for_room and now_s - connection.last_received_s > allowed_s:
+            if reason := handler.overdue(now_s):
+                what = "stalled"
+            elif allowed_s and silence_s > allowed_s and not connection.waits_for_room:
                 reason, what = f"it was silent for {allowed_s:g} s, 1.5 keepalives", "silent"
-            if reason is not None:
-                broker.meter.event(f"dropped_{what}")
-                logger.warning("client %s dropped: %s", handler.session.client_id, reason)
-                connection.abort(reason)
+            else:
+                continue
+            broker.meter.event(f"dropped_{what}")
+            logger.warning("client %s dropped: %s", handler.session.client_id, reason)
+            connection.abort(reason)
         await asyncio.sleep(WATCH_INTERVAL_S)

@@ -25,6 +25,7 @@ DEFAULT_PORT = 1883
 UNSENT_LIMIT_BYTES = 64 * 1024 * 1024
 UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
+CONNECT_ATTEMPT_S = 3.0
 CLOSE_TIMEOUT_S = 5.0
 _REFUSED = 128
 
@@ -231,10 +232,11 @@ class MqttBus:
 
     def _new_paho(self, address: BrokerAddress) -> FastClient:
         client = FastClient(wire_id(self.client))
+        client.connect_timeout = CONNECT_ATTEMPT_S
         client.username_pw_set(address.user, address.password)
         client.reconnect_delay_set(RECONNECT_MIN_S, RECONNECT_MAX_S)  # type: ignore[arg-type]  # floats work
         client.on_connect = self._on_connect
-        client.on_connect_fail = self._on_connect_fail
+        client.on_unreachable = self._on_unreachable
         client.on_disconnect = self._on_disconnect
         client.on_subscribe = self._on_subscribe
         client.on_unsubscribe = self._on_unsubscribe
@@ -254,8 +256,8 @@ class MqttBus:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
 
-    def _on_connect_fail(self, _client: Any, _data: Any) -> None:
-        self._why_lost = "connection refused, or no such host"
+    def _on_unreachable(self, error: OSError) -> None:
+        self._why_lost = error.strerror or str(error)
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:

@@ -51,12 +51,14 @@ class FastClient(paho.Client):
         on_sent(topic, payload_bytes, packet_bytes): a PUBLISH was written whole.
         on_received(topic, payload, retained, packet_bytes): a PUBLISH came in whole.
         on_settled(payload_bytes): a message needs no more sending (acknowledged; at QoS 0 written, or lost).
+        on_unreachable(error): a connection could not be made; it is tried again.
         on_failure(error): the network thread ends by this error.
     """
 
     on_sent: OnTransfer
     on_received: Callable[[str, memoryview, bool, int], None]
     on_settled: Callable[[int], None]
+    on_unreachable: Callable[[OSError], None]
     on_failure: Callable[[BaseException], None]
 
     def __init__(self, client_id: str) -> None:
@@ -220,7 +222,11 @@ class FastClient(paho.Client):
             self._ping_t = now_s
 
     def _create_socket(self) -> Any:
-        sock = super()._create_socket()
+        try:
+            sock = super()._create_socket()
+        except OSError as error:
+            self.on_unreachable(error)
+            raise
         if isinstance(sock, socket.socket):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)

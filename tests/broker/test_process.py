@@ -1,0 +1,91 @@
+"""The broker as a process: options, readiness, its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-m", "broker"]
+
+
+def run(*options: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *options], cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, timeout=30
+    )
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_signal_ends_it_cleanly_with_clients_connected(raw, how, start_broker):
+    process = subprocess.Popen(
+        [*COMMAND, "--port", "0", "--no-metrics"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    line = process.stdout.readline()
+    assert line.startswith("Broker at mqtt://127.0.0.1:")
+    port = int(line.split(".0.1:")[1].split(".")[0])
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(b"\x10\x0d\x00\x04MQTT\x04\x02\x00\x00\x00\x01x")
+        assert client.recv(4) == b"\x20\x02\x00\x00"
+        process.send_signal(how)
+        _, errors = process.communicate(timeout=10)
+        assert (process.returncode, errors) == (0, "")
+
+
+def test_launched_broker_ignores_ctrl_c_and_ends_with_its_stdin(start_broker, raw):
+    broker = start_broker()
+    broker.process.send_signal(signal.SIGINT)
+    client = raw(broker)
+    client.connect("c")
+    client.ping()
+    broker.process.stdin.close()
+    assert broker.process.wait(timeout=10) == 0
+
+
+def test_launched_broker_ends_on_sigterm_too(start_broker):
+    broker = start_broker()
+    broker.process.send_signal(signal.SIGTERM)
+    assert broker.process.wait(timeout=10) == 0
+
+
+@pytest.mark.parametrize("option", ["--port", "--metrics-port"])
+def test_port_in_use_is_one_clear_line_and_exit_code_2(option):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        result = run("--port", "0", "--metrics-port", "0", option, port)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert f"port {port}" in line
+    assert "in use" in line
+    assert option in line
+
+
+def test_address_that_is_not_ours_is_one_clear_line_and_exit_code_2():
+    result = run("--host", "192.0.2.1", "--port", "0", "--no-metrics")
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert "192.0.2.1" in line
+
+
+@pytest.mark.parametrize(
+    "options", [("--port", "70000"), ("--memory-mb", "0"), ("--log-level", "LOUD"), ("--nonsense",)]
+)
+def test_bad_option_is_exit_code_2(options):
+    result = run(*options)
+    assert result.returncode == 2
+    assert options[0] in result.stderr
+
+
+def test_every_option_has_an_environment_variable():
+    result = run("--port", "0", JOULESWARM_BROKER_METRICS_PORT="70000")
+    assert result.returncode == 2
+    assert "JOULESWARM_BROKER_METRICS_PORT" in result.stderr
+    shown = run("--help", COLUMNS="200").stdout
+    for name in ("HOST", "PORT", "METRICS_PORT", "MAX_MESSAGE_MB", "MEMORY_MB", "MAX_CONNECTIONS", "LOG_LEVEL"):
+        assert f"JOULESWARM_BROKER_{name}" in shown

@@ -1,0 +1,107 @@
+"""The broker's parts by themselves."""
+
+from __future__ import annotations
+
+import asyncio
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from broker.limits import Budget
+from broker.meter import BrokerMeter, by_link
+from broker.publication import Publication
+from common.bus import matches
+from common.mqtt import name_of, wire_id
+from common.topics import Link
+
+WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"
+LEVELS = st.lists(st.sampled_from(["a", "b", "", "jouleswarm"]), min_size=1, max_size=4)
+FILTERS = st.lists(st.sampled_from(["a", "b", "", "+", "jouleswarm"]), min_size=1, max_size=4)
+
+
+def test_budget_lets_waiters_in_first_come_first_served():
+    async def scenario() -> list[bool]:
+        budget = Budget(100)
+        assert budget.try_take(60)
+        assert not budget.try_take(50)
+        first, second = budget.request(50), budget.request(10)
+        assert not budget.try_take(10), "a newcomer may not overtake"
+        budget.release(60)
+        return [first.done(), second.done(), budget.used_bytes == 60]
+
+    assert asyncio.run(scenario()) == [True, True, True]
+
+
+def test_budget_takes_one_message_larger_than_itself():
+    budget = Budget(100)
+    assert budget.try_take(1000)
+    assert not budget.try_take(1)
+
+
+def test_budget_skips_a_waiter_that_has_gone():
+    async def scenario() -> int:
+        budget = Budget(100)
+        budget.try_take(100)
+        gone, here = budget.request(100), budget.request(40)
+        gone.set_exception(ConnectionError("gone"))
+        budget.release(100)
+        assert here.done()
+        assert isinstance(gone.exception(), ConnectionError)
+        return budget.used_bytes
+
+    assert asyncio.run(scenario()) == 40
+
+
+def test_publication_gives_its_budget_back_once_with_its_last_holder():
+    budget = Budget(100)
+    budget.try_take(50)
+    publication = Publication("a", memoryview(b"x"), 1, budget, 50)
+    publication.hold()
+    publication.drop()
+    assert budget.used_bytes == 50
+    publication.drop()
+    assert budget.used_bytes == 0
+    publication.hold()  # sent a second time
+    publication.drop()
+    assert budget.used_bytes == 0
+
+
+def test_publish_header_bytes():
+    publication = Publication("a/b", memoryview(bytes(200)), 1)
+    # 2 + 3 + 200 = 205 = 0x4d + 1 * 128; with an identifier 207
+    assert publication.header(None, dup=False, retain=True) == b"\x31\xcd\x01\x00\x03a/b"
+    assert publication.header(258, dup=True, retain=False) == b"\x3a\xcf\x01\x00\x03a/b\x01\x02"
+
+
+def test_meter_books_under_the_plain_name_and_sums_by_link():
+    meter = BrokerMeter()
+    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
+    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
+    meter.delivered("mosq-A1", WEIGHTS, 10, 48)
+    meter.received("agent-3", "jouleswarm/meter/ask", 5, 30)
+    assert [(row.client, row.direction, row.messages, row.packet_bytes) for row in meter.rows()] == [
+        ("agent-3", "in", 2, 96),
+        ("mosq-A1", "out", 1, 48),
+    ]
+    assert by_link(meter.totals().items()) == {
+        Link.SIDELINK: {
+            "in": {"messages": 2, "payload_bytes": 20, "packet_bytes": 96},
+            "out": {"messages": 1, "payload_bytes": 10, "packet_bytes": 48},
+        }
+    }
+
+
+def test_name_of_undoes_wire_id_and_leaves_other_ids_alone():
+    assert wire_id("agent-3") != wire_id("agent-3")
+    assert name_of(wire_id("agent-3")) == "agent-3"
+    assert name_of(wire_id("a.b")) == "a.b"
+    assert name_of("sensor.kitchen") == "sensor.kitchen"
+
+
+@given(LEVELS, FILTERS, st.booleans())
+@example(["a"], ["a"], True)
+def test_amqtt_and_the_in_memory_bus_match_filters_alike(levels, filters, deep):
+    from amqtt.broker import Broker
+
+    topic, topic_filter = "/".join(levels), "/".join(filters) + ("/#" if deep else "")
+    assert Broker._matches(object.__new__(Broker), topic, topic_filter) == matches(topic_filter, topic)
