@@ -43,7 +43,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError
-        from common.mqtt import connect
+        from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
 
@@ -57,7 +57,7 @@ def main(
         use_one_thread()
         name = run or settings.name
         gone = encode_json(Presence(agent=id, state="gone"))
-        bus = connect(
+        bus = MqttBus.connect(
             broker,
             f"agent-{id}",
             will=(topics.presence(name, assigned, id), gone),

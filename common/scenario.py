@@ -76,14 +76,14 @@ class Learning(_Part):
     discount: Fraction = Field(0.99, description="nu")
     double: bool = Field(True, description="double learning: argmax by the online network")
     optimizer: Literal["adam", "sgd"] = "adam"
-    lr: PositiveFloat = 5e-4
+    lr: PositiveFloat = 1e-3
     grad_clip: PositiveFloat = 1.0
     batch_size: Positive = 32
     batches_per_round: Positive = Field(20, description="B_i")
     motions_per_round: Positive = Field(20, description="|E_ik|, new transitions a round")
     epsilon: Fraction = 0.1
     replay_size: Positive = 2000
-    target_polyak: float = Field(0.3, gt=0, le=1, description="target += this * (online - target) ...")
+    target_polyak: float = Field(0.1, gt=0, le=1, description="target += this * (online - target) ...")
     target_every: Positive = Field(1, description="... every so many gradient steps")
     starts: Literal["area", "anywhere", "entry"] = Field(
         "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"

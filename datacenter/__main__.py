@@ -42,7 +42,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError
-        from common.mqtt import connect
+        from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
         from datacenter.server import ARM, run_datacenter
@@ -52,7 +52,7 @@ def main(
             raise ConfigurationError(f"scenario {scenario}: arms {settings.arms} need no data center")
         use_one_thread()
         name = run or settings.name
-        bus = connect(
+        bus = MqttBus.connect(
             broker,
             "datacenter",
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),

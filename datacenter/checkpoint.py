@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
+import safetensors.numpy
 import safetensors.torch
 
 from common.errors import RunError

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from rich.console import Console
 
 from common.errors import JouleSwarmError
-from common.mqtt import connect
+from common.mqtt import MqttBus
 from common.runlog import RunDirectory
 from common.scenario import Scenario
 from fleet.launcher import Launcher
@@ -82,7 +82,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
 
 
 def _recorder(scenario: Scenario, url: str, run: str, directory: RunDirectory) -> Recorder:
-    bus = connect(
+    bus = MqttBus.connect(
         url, CLIENT, keepalive_s=scenario.bus.keepalive_s, connect_timeout_s=scenario.bus.connect_timeout_s
     )
     return Recorder(bus, scenario, run, directory)
