@@ -16,14 +16,11 @@ from typing import NamedTuple
 from amqtt.adapters import WriterAdapter
 from amqtt.mqtt.packet import PUBLISH
 
-from broker.limits import OVERHEAD_BYTES, Budget, Limits
+from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 
 logger = logging.getLogger("broker")
 
 BUFFER_BYTES = 16 * 1024
-# One turn of the event loop writes this much to a subscriber and goes on to the next one, so that all
-# subscribers of a large message take the same part of it while it is in the processor's cache.
-SLICE_BYTES = 256 * 1024
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
 GATHERED = 64  # packets in one system call
 
@@ -79,7 +76,7 @@ class _Outgoing:
 class Connection(WriterAdapter):  # type: ignore[misc]
     """A non-blocking socket on the running event loop. amqtt writes its control packets through it too."""
 
-    def __init__(self, sock: socket.socket, limits: Limits, budget: Budget) -> None:
+    def __init__(self, sock: socket.socket, limits: Limits, budget: Budget, turns: Turns) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
@@ -90,7 +87,7 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         self._loop = asyncio.get_running_loop()
         self._sock = sock
         self._fd = sock.fileno()
-        self._limits, self._budget = limits, budget
+        self._limits, self._budget, self._turns = limits, budget, turns
         self._buffer = memoryview(bytearray(BUFFER_BYTES))
         self._start = self._end = 0
         self._target, self._wanted, self._got = self._buffer, 0, 0
@@ -220,7 +217,7 @@ class Connection(WriterAdapter):  # type: ignore[misc]
 
     def _flush(self) -> None:
         views: list[bytes | memoryview] = []
-        room = SLICE_BYTES
+        room = self._turns.slice_bytes
         for item in islice(self._queue, GATHERED):
             views += item.views(room)
             room -= item.size - item.sent
@@ -237,6 +234,7 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         self._complete(count)
         if self._queue and not self._writing:
             self._writing = True
+            self._turns.writers += 1
             self._loop.add_writer(self._fd, self._flush)
         elif not self._queue:
             self._on_empty()
@@ -254,11 +252,15 @@ class Connection(WriterAdapter):  # type: ignore[misc]
                 item.done(item.size)
 
     def _on_empty(self) -> None:
+        self._stop_writing()
+        if self._closing:
+            self.abort("closed by the broker")
+
+    def _stop_writing(self) -> None:
         if self._writing:
             self._loop.remove_writer(self._fd)
             self._writing = False
-        if self._closing:
-            self.abort("closed by the broker")
+            self._turns.writers -= 1
 
     # Watching
 
@@ -298,7 +300,7 @@ class Connection(WriterAdapter):  # type: ignore[misc]
             return
         self.closed_because = reason
         self._loop.remove_reader(self._fd)
-        self._loop.remove_writer(self._fd)
+        self._stop_writing()
         self._sock.close()
         for waiter in (self._waiter, self._room):
             if waiter is not None and not waiter.done():

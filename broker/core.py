@@ -17,7 +17,7 @@ from amqtt.session import Session
 
 from broker.connection import Connection, MalformedPacket, PeerGone
 from broker.handler import CODEC_ERRORS, ClientHandler
-from broker.limits import OVERHEAD_BYTES, Budget, Limits
+from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from broker.meter import BrokerMeter
 from broker.publication import Publication
 from common import topics
@@ -46,6 +46,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.limits = limits
         self.meter = meter
         self.budget = Budget(limits.memory_bytes)
+        self.turns = Turns()
         self.handlers: set[ClientHandler] = set()
         self.on_ask: Callable[[str], Awaitable[None]] | None = None
         self._routes: dict[str, list[tuple[Session, int]]] = {}

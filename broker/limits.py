@@ -25,6 +25,25 @@ class Limits:
     session_expiry_s: int = 3600
 
 
+class Turns:
+    """How much a connection writes before the event loop goes on to the next one.
+
+    Many subscribers of one large message write it in small slices, so that all of them take the same part of
+    it while it is in the processor's cache. A single one writes as much as its socket takes.
+    """
+
+    ALL_BYTES = 4 * MEGABYTE
+    LEAST_BYTES = 256 * 1024
+
+    def __init__(self) -> None:
+        self.writers = 0
+
+    @property
+    def slice_bytes(self) -> int:
+        """Bytes for one turn, by the number of connections that wait to write."""
+        return max(self.LEAST_BYTES, self.ALL_BYTES // max(1, self.writers))
+
+
 class Budget:
     """Bytes of messages held in memory. Readers wait here, first come first served, for room.
 

@@ -147,17 +147,18 @@ class Acceptor:
             self._loop.remove_reader(self._listener)
             self._loop.call_later(ACCEPT_PAUSE_S, self._resume)
             return
-        if len(self._tasks) >= self._broker.limits.connections:
-            self._broker.meter.event("refused_connections")
+        broker = self._broker
+        if len(self._tasks) >= broker.limits.connections:
+            broker.meter.event("refused_connections")
             logger.warning("connection refused: %d are open, the limit", len(self._tasks))
             sock.close()
             return
         try:
-            connection = Connection(sock, self._broker.limits, self._broker.budget)
+            connection = Connection(sock, broker.limits, broker.budget, broker.turns)
         except OSError:  # gone already
             sock.close()
             return
-        task = asyncio.create_task(self._broker.serve(connection))
+        task = asyncio.create_task(broker.serve(connection))
         self._tasks.add(task)
         task.add_done_callback(self._ended)
 

@@ -76,10 +76,10 @@ def test_url(url, expected):
 
 @pytest.mark.parametrize(
     "url",
-    (
+    [
         *("", "localhost", "localhost:1883", "http://a", "mqtt://", "mqtt://:1883", "mqtt://a:port"),
         *("mqtt://a:70000", "mqtt://a:0", "mqtt://a/path", "mqtt://a?x=1", "mqtt://a b", "mqtt://[::1"),
-    ),
+    ],
 )
 def test_malformed_url_is_one_clear_line(url):
     with pytest.raises(ConfigurationError, match=r"expected mqtt://\[user:password@\]host\[:1883\]") as caught:

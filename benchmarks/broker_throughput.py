@@ -1,0 +1,198 @@
+"""Delivered throughput of the embedded broker against Mosquitto, with the same clients, in one run.
+
+    python -m benchmarks.broker_throughput [--rounds 15] [--meter-cost]
+
+Every subscriber is a process of its own. Each round measures all brokers one after the other, so that a busy
+machine slows all of them alike; the ratios are medians over the rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import multiprocessing
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from benchmarks.broker_start import embedded, mosquitto
+from common.mqtt import MqttBus
+
+WEIGHTS_BYTES = 5_565_072
+FRAME_BYTES = 1_228_800
+FRAMES = 20
+ROBOTS = 12
+RUN = "jouleswarm/bench/maml"
+
+
+def subscriber(url: str, name: str, count: int, pipe: Connection) -> None:
+    """Says so whenever `count` messages have come."""
+    bus = MqttBus.connect(url, name)
+    bus.subscribe(f"{RUN}/#")
+    pipe.send("ready")
+    while pipe.recv():
+        for _ in range(count):
+            bus.receive()
+        pipe.send("done")
+    bus.close()
+
+
+def robot(url: str, number: int, pipe: Connection) -> None:
+    """One round: frames up, weights to a neighbour, the neighbour's weights and the meta-model in."""
+    bus = MqttBus.connect(url, f"agent-{number}")
+    bus.subscribe(f"{RUN}/sl/{number ^ 1}/weights", f"{RUN}/dl/meta")
+    frame, weights = os.urandom(FRAME_BYTES), os.urandom(WEIGHTS_BYTES)
+    pipe.send("ready")
+    while pipe.recv():
+        for _ in range(FRAMES):
+            bus.publish(f"{RUN}/ul/{number}/experience", frame)
+        bus.publish(f"{RUN}/sl/{number}/weights", weights)
+        for _ in range(2):
+            bus.receive()
+        pipe.send("done")
+    bus.close()
+
+
+def data_center(url: str, pipe: Connection) -> None:
+    """One round: all frames in, the meta-model out."""
+    bus = MqttBus.connect(url, "datacenter")
+    bus.subscribe(f"{RUN}/ul/#")
+    meta = os.urandom(WEIGHTS_BYTES)
+    pipe.send("ready")
+    while pipe.recv():
+        for _ in range(ROBOTS * FRAMES):
+            bus.receive()
+        bus.publish(f"{RUN}/dl/meta", meta)
+        bus.flush()
+        pipe.send("done")
+    bus.close()
+
+
+class Crew:
+    """Client processes that all do a round when told."""
+
+    def __init__(self, jobs: list[tuple[Callable[..., None], tuple[Any, ...]]]) -> None:
+        context = multiprocessing.get_context("fork")
+        self._processes, self._pipes = [], []
+        for job, arguments in jobs:
+            ours, theirs = context.Pipe()
+            process = context.Process(target=job, args=(*arguments, theirs), daemon=True)
+            process.start()
+            self._processes.append(process)
+            self._pipes.append(ours)
+        self._gather()
+
+    def round_s(self, act: Callable[[], None]) -> float:
+        for pipe in self._pipes:
+            pipe.send(True)
+        start_s = time.perf_counter()
+        act()
+        self._gather()
+        return time.perf_counter() - start_s
+
+    def end(self, *, answers: bool = False) -> list[Any]:
+        """End the clients; gives what each says last, if it does."""
+        for pipe in self._pipes:
+            pipe.send(False)
+        last = [pipe.recv() for pipe in self._pipes] if answers else []
+        for process in self._processes:
+            process.join()
+        return last
+
+    def _gather(self) -> None:
+        left = set(self._pipes)
+        while left:
+            for pipe in wait(list(left), timeout=60) or exit_with("a client did not answer within 60 s"):
+                pipe.recv()
+                left.discard(pipe)
+
+
+def exit_with(message: str) -> Any:
+    raise SystemExit(message)
+
+
+@dataclass
+class Case:
+    """What one round delivers."""
+
+    name: str
+    delivered_bytes: int
+    crew: Callable[[str], list[tuple[Callable[..., None], tuple[Any, ...]]]]
+    messages: int = 0
+    size_bytes: int = 0
+
+
+def fan_out(messages: int, size_bytes: int, subscribers: int, name: str) -> Case:
+    def crew(url: str) -> list[tuple[Callable[..., None], tuple[Any, ...]]]:
+        return [(subscriber, (url, f"agent-{number}", messages)) for number in range(subscribers)]
+
+    return Case(name, messages * size_bytes * subscribers, crew, messages, size_bytes)
+
+
+def exchange_crew(url: str) -> list[tuple[Callable[..., None], tuple[Any, ...]]]:
+    return [(data_center, (url,)), *((robot, (url, number)) for number in range(ROBOTS))]
+
+
+CASES = (
+    fan_out(1, WEIGHTS_BYTES, 1, "5.57 MB to 1"),
+    fan_out(1, WEIGHTS_BYTES, ROBOTS, "5.57 MB to 12"),
+    fan_out(FRAMES, FRAME_BYTES, 1, "20 x 1.23 MB to 1"),
+    Case("exchange of 12", ROBOTS * (FRAMES * FRAME_BYTES + 2 * WEIGHTS_BYTES), exchange_crew),
+)
+
+
+def measure(case: Case, urls: dict[str, str], rounds: int) -> dict[str, list[float]]:
+    """Seconds of each round, per broker; the first round of each warms up and is left out."""
+    crews = {name: Crew(case.crew(url)) for name, url in urls.items()}
+    publishers = {name: MqttBus.connect(url, "publisher") for name, url in urls.items()}
+    payload = os.urandom(case.size_bytes)
+    seconds: dict[str, list[float]] = {name: [] for name in urls}
+    for number in range(rounds + 1):
+        names = list(urls) if number % 2 else list(reversed(urls))
+        for name in names:
+
+            def act(bus: MqttBus = publishers[name]) -> None:
+                for _ in range(case.messages):
+                    bus.publish(f"{RUN}/ul/1/1/experience", payload)
+
+            seconds[name].append(crews[name].round_s(act))
+    for name in urls:
+        crews[name].end()
+        publishers[name].close()
+    return {name: values[1:] for name, values in seconds.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--case", help="only cases whose name contains this")
+    parser.add_argument("--meter-cost", action="store_true", help="compare with the broker's own metering off too")
+    options = parser.parse_args()
+    with contextlib.ExitStack() as stack:
+        urls = {"embedded": stack.enter_context(embedded()), "mosquitto": stack.enter_context(mosquitto())}
+        if options.meter_cost:
+            urls["unmetered"] = stack.enter_context(embedded("--no-meter"))
+        print(f"{'case':20}" + "".join(f"{name + ', ms (MB/s)':>24}" for name in urls) + "   embedded is ... x as fast")
+        for case in CASES:
+            if options.case and options.case not in case.name:
+                continue
+            rounds = max(3, options.rounds // 3) if not case.messages else options.rounds
+            seconds = measure(case, urls, rounds)
+            cells = (
+                f"{statistics.median(each) * 1e3:12.1f} ({case.delivered_bytes / 1e6 / statistics.median(each):6.0f})"
+                for each in seconds.values()
+            )
+            ratios = (
+                f"{statistics.median(b / a for a, b in zip(seconds['embedded'], each, strict=True)):.2f} {name}"
+                for name, each in seconds.items()
+                if name != "embedded"
+            )
+            print(f"{case.name:20}" + "".join(f"{cell:>24}" for cell in cells) + "   " + ", ".join(ratios), flush=True)
+
+
+if __name__ == "__main__":
+    main()
