@@ -37,7 +37,9 @@ Arrived = dict[int, tuple[dict[str, Array], ModelHeader]]
 class Exchange:
     """Robot `agent`'s side of the protocol. One thread."""
 
-    def __init__(self, bus: Bus, run: str, here: Neighbourhood, shapes: Shapes, qos: int, resend_after_s: float) -> None:
+    def __init__(
+        self, bus: Bus, run: str, here: Neighbourhood, shapes: Shapes, qos: int, resend_after_s: float
+    ) -> None:
         self._bus, self._run, self._here, self._shapes = bus, run, here, shapes
         self._qos, self._resend_after_s = qos, resend_after_s
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
@@ -204,10 +206,10 @@ class Exchange:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
-        if presence.agent in self._stages:
-            self._stages[presence.agent] = presence.stage
         if presence.state == "gone":
             log.warning("robot %d is gone; waiting for it to come back", presence.agent)
+        elif presence.agent in self._stages:
+            self._stages[presence.agent] = presence.stage
 
     def _take_resend(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)

@@ -13,8 +13,8 @@ from common.dqn import polyak_update, td_loss, td_target
 from common.errors import TrainingError
 from common.qnetwork import build_qnetwork, load_weights, observations, to_weights
 from common.replay import Batch, Replay
-from common.scenario import Network
 from common.scenario import Learning as LearningSettings
+from common.scenario import Network
 
 Weights = dict[str, npt.NDArray[np.float32]]
 
@@ -22,7 +22,9 @@ Weights = dict[str, npt.NDArray[np.float32]]
 class Learner:
     """Deep Q-learning of eq. (7) on one robot: online and target network, optimizer, replay."""
 
-    def __init__(self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator) -> None:
+    def __init__(
+        self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator
+    ) -> None:
         self._settings = settings
         self._rng = rng
         self.online = build_qnetwork(network)
@@ -51,9 +53,7 @@ class Learner:
             return 0
         drawn = [self.replay.sample(self._settings.batch_size, self._rng) for _ in range(batches)]
         next_q = self._next_q_in_one_batch(drawn) if self._target_rests(batches) else None
-        losses = [
-            self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)
-        ]
+        losses = [self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)]
         if not math.isfinite(float(torch.stack(losses).sum())):
             raise TrainingError(f"loss is not finite after {self.steps} gradient steps; lower learning.lr")
         return len(losses)
@@ -102,5 +102,6 @@ class Learner:
 
 
 def _optimizer(settings: LearningSettings, parameters: list[nn.Parameter]) -> torch.optim.Optimizer:
-    kind = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}[settings.optimizer]
-    return kind(parameters, lr=settings.lr, fused=True)
+    if settings.optimizer == "sgd":
+        return torch.optim.SGD(parameters, lr=settings.lr, fused=True)
+    return torch.optim.Adam(parameters, lr=settings.lr, fused=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -34,7 +36,7 @@ def epsilon_greedy(q: Tensor, epsilon: float, rng: np.random.Generator) -> int:
     return int(q.argmax())
 
 
-def polyak_update(target: list[Tensor], online: list[Tensor], rate: float) -> None:
+def polyak_update(target: Sequence[Tensor], online: Sequence[Tensor], rate: float) -> None:
     """target += rate * (online - target), in place (rate 1 copies)."""
     with torch.no_grad():
-        torch._foreach_lerp_(target, online, rate)
+        torch._foreach_lerp_(tuple(target), tuple(online), rate)

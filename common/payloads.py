@@ -73,7 +73,7 @@ class Presence(_Header):
 
     agent: int
     stage: int = 0
-    state: Literal["here", "gone", "left"] = "here"
+    state: Literal["here", "gone"] = Field("here", description="gone: the last will of a process that died")
 
 
 class RoundRequest(_Header):

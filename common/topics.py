@@ -10,6 +10,8 @@ from enum import StrEnum
 
 ROOT = "jouleswarm"
 
+Level = int | str  # an id, or "+" in a filter
+
 SHARED = "all"  # the arm level of control traffic that serves every arm
 
 # The broker's cumulative counters (retained) and the request for a fresh copy. A report cannot count
@@ -52,7 +54,7 @@ def weights(run: str, arm: str, task: int, agent: int) -> str:
     return f"{ROOT}/{run}/{arm}/sl/{task}/{agent}/weights"
 
 
-def presence(run: str, task: int, agent: int) -> str:
+def presence(run: str, task: Level, agent: Level) -> str:
     """Retained: where a robot stands (see `payloads.Presence`); its last will too. The data center is 0, 0."""
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/presence"
 
@@ -82,12 +84,12 @@ def telemetry(run: str, arm: str, client: str) -> str:
     return f"{ROOT}/{run}/{arm}/tlm/{client}/round"
 
 
-def learned(run: str, arm: str, task: int) -> str:
+def learned(run: str, arm: str, task: Level) -> str:
     """The learned weights of a task, for the run directory."""
     return f"{ROOT}/{run}/{arm}/tlm/{task}/learned"
 
 
-def snapshot(run: str, arm: str, round_: int) -> str:
+def snapshot(run: str, arm: str, round_: Level) -> str:
     """The meta-model after some MAML rounds, for the run directory."""
     return f"{ROOT}/{run}/{arm}/tlm/{round_}/snapshot"
 

@@ -24,12 +24,13 @@ def cluster_graph(agents: Sequence[int], federation: Federation, seed: int) -> n
         graph = nx.complete_graph(len(agents))
     else:
         graph = _random_regular(len(agents), federation.degree, seed)
-    return nx.relabel_nodes(graph, dict(enumerate(agents)))
+    relabelled: nx.Graph[int] = nx.relabel_nodes(graph, dict(enumerate(agents)))
+    return relabelled
 
 
 def _random_regular(size: int, degree: int, seed: int) -> nx.Graph[int]:
     for attempt in range(_ATTEMPTS):
-        graph = nx.random_regular_graph(degree, size, seed=seed + attempt)
+        graph: nx.Graph[int] = nx.random_regular_graph(degree, size, seed=seed + attempt)
         if nx.is_connected(graph):
             return graph
     raise ConfigurationError(

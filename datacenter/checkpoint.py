@@ -49,7 +49,7 @@ class Checkpoint:
         if path is None or not path.exists():
             return 0
         try:
-            with safetensors.safe_open(path, framework="pt") as file:  # type: ignore[no-untyped-call]
+            with safetensors.safe_open(path, framework="pt") as file:
                 round_ = int(file.metadata()["round"])
                 learner.load_state({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
             for past in range(1, round_ + 1):
@@ -70,7 +70,7 @@ class Checkpoint:
     def _experience(self, round_: int) -> Iterable[tuple[int, list[Motion]]]:
         assert self._folder is not None
         path = self._folder / f"round-{round_:05d}.safetensors"
-        with safetensors.safe_open(path, framework="np") as file:  # type: ignore[no-untyped-call]
+        with safetensors.safe_open(path, framework="np") as file:
             headers = file.metadata()
             for name in sorted(file.keys(), key=lambda each: tuple(map(int, each.split("/")))):
                 lines = headers[name].splitlines()

@@ -118,9 +118,7 @@ class MetaLearner:
 
     def _track(self, task: int, adapted: Params) -> None:
         """The task's target network q~ follows its adapted models."""
-        torch._foreach_lerp_(
-            list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak
-        )
+        torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak)
 
     def _update(self, gradients: list[Tensor], round_: int) -> None:
         for parameter, gradient in zip(self._parameters, gradients, strict=True):

@@ -16,7 +16,7 @@ from typing import Self
 from common.errors import RunError
 
 # Loaded once in the fork server; every process then shares the memory of these.
-_PRELOAD = ["torch", "cv2", "numpy", "fleet.child", "agents.agent", "agents.__main__", "datacenter.server", "common.mqtt"]
+_PRELOAD = ["fleet.child", "agents.__main__", "agents.agent", "datacenter.__main__", "datacenter.server", "common.mqtt"]
 _GRACE_S = 2.0
 _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

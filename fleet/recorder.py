@@ -9,9 +9,9 @@ from typing import Literal
 
 from common import topics
 from common.bus import Bus, Message
-from common.errors import PayloadError
+from common.errors import PayloadError, RunError
 from common.meter import MeterRow
-from common.payloads import decode_json
+from common.payloads import Presence, decode_json
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
@@ -36,11 +36,13 @@ class Recorder:
         self._received: dict[str, dict[str, int]] = {}
         self._broker_rows: list[MeterRow] = []
         self._asked = ""
+        self._gone: dict[str, float] = {}
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
             topics.snapshot(run, "+", "+"),
             topics.meter_report(run, "+"),
+            topics.presence(run, "+", "+"),
             topics.BROKER_METER,
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
@@ -85,6 +87,16 @@ class Recorder:
             except PayloadError as error:
                 log.warning("refused a message on %s: %s", message.topic, error)
 
+    def check(self) -> None:
+        """Notice a process that died and has not come back.
+
+        Raises:
+            RunError: one has been gone for longer than a lost connection may take to be won back.
+        """
+        for client, since_s in self._gone.items():
+            if self.elapsed_s - since_s > self._scenario.bus.connect_timeout_s:
+                raise RunError(f"{client} died, its connection broke off; see what it printed")
+
     def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
         """Fetch the broker's counters and write meter and summary."""
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
@@ -108,7 +120,7 @@ class Recorder:
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
         if topic == topics.BROKER_METER:
-            snapshot = decode_json(message.payload, BrokerSnapshot, limit_bytes=len(message.payload))
+            snapshot = decode_json(message.payload, BrokerSnapshot, len(message.payload))
             if snapshot.asked is not None and snapshot.asked == self._asked:
                 prefix = f"{topics.ROOT}/{self._run}/"
                 self._broker_rows = [row for row in snapshot.rows or () if row.topic.startswith(prefix)]
@@ -118,15 +130,29 @@ class Recorder:
             self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
         elif kind == "snapshot":
             self._directory.weights(f"meta-t{int(topic.split('/')[4]):04d}", message.payload)
+        elif kind == "presence":
+            self._take_presence(message)
         else:
-            report = decode_json(message.payload, MeterReport, limit_bytes=len(message.payload))
+            report = decode_json(message.payload, MeterReport, len(message.payload))
             self._reports[report.client] = report.rows
+            self._gone.pop(report.client, None)
+
+    def _take_presence(self, message: Message) -> None:
+        if not message.payload:
+            return
+        presence = decode_json(message.payload, Presence)
+        client = f"agent-{presence.agent}" if presence.agent else "datacenter"
+        if presence.state == "gone":
+            self._gone.setdefault(client, self.elapsed_s)
+        else:
+            self._gone.pop(client, None)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         row = telemetry.row
         self._directory.round(row)
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
+        self._gone.pop(client, None)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s
             self._directory.progress({"time_s": round(self.elapsed_s, 3), "bytes": self.received_bytes})

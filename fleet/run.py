@@ -94,6 +94,7 @@ def _record(scenario: Scenario, recorder: Recorder, console: Console, launcher: 
         with View(console, scenario, recorder) as view:
             while recorder.waiting_for:
                 recorder.pump(_PUMP_S)
+                recorder.check()
                 if launcher is not None:
                     launcher.check()
                 view.update()
