@@ -15,17 +15,19 @@ from amqtt.mqtt.packet import CONNECT, MQTTFixedHeader
 from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
 
-from broker.connection import Connection, MalformedPacket, PeerGone
-from broker.handler import CODEC_ERRORS, ClientHandler
+from broker.connection import Connection
+from broker.errors import MalformedPacket, PeerGone
+from broker.handler import ClientHandler
 from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from broker.meter import BrokerMeter
+from broker.packets import CODEC_ERRORS, check_connect, is_topic
 from broker.publication import Publication
+from broker.routes import Routes
 from common import topics
 
 logger = logging.getLogger("broker")
 
 LISTENER = "default"
-CACHED_TOPICS = 20_000
 REFUSED = 0x80
 CONNECT_BYTES = 512 * 1024  # five strings of 64 KB and some
 _ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
@@ -49,7 +51,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.turns = Turns()
         self.handlers: set[ClientHandler] = set()
         self.on_ask: Callable[[str], Awaitable[None]] | None = None
-        self._routes: dict[str, list[tuple[Session, int]]] = {}
+        self._routes = Routes(self._subscriptions, self._matches, self._may_receive)
         self._offline: dict[str, int] = {}
 
     # Connections
@@ -58,9 +60,9 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         """The whole life of one connection, from CONNECT on."""
         try:
             async with asyncio.timeout(self.limits.connect_timeout_s):
-                first, body, cost_bytes = await connection.read_packet(CONNECT_BYTES)
+                first, body, cost_bytes = await connection.reader.read_packet(CONNECT_BYTES)
             self.budget.release(cost_bytes)
-            _check_connect(first, body)
+            check_connect(first, body)
             fixed = MQTTFixedHeader(CONNECT, 0, len(body)).to_bytes()
             await self.external_connected(BufferReader(fixed + body), connection, LISTENER)
         except TimeoutError:
@@ -85,7 +87,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             _, session = await BrokerProtocolHandler.init_from_connect(reader, writer, self.plugins_manager)
         except CODEC_ERRORS as error:
             raise MalformedPacket(f"CONNECT: {error}") from error
-        if session.will_flag and (not session.will_topic or any(char in session.will_topic for char in "+#\0")):
+        if session.will_flag and not is_topic(session.will_topic):
             raise MalformedPacket(f"last will on topic {session.will_topic!r}, which cannot be published on")
         return ClientHandler(self, writer), session
 
@@ -104,7 +106,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         session.transitions.connect()
         self._sessions[session.client_id] = (session, handler)
         self.handlers.add(handler)
-        self._forget_routes()
+        self._routes.forget()
         try:
             await handler.mqtt_connack_authorize(True)
             await self._fire(BrokerEvents.CLIENT_CONNECTED, session)
@@ -153,7 +155,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         why = "DISCONNECT" if handler.left_cleanly else handler.connection.closed_because
         logger.info("client %s left: %s", session.client_id, why)
         self.handlers.discard(handler)
-        self._forget_routes()
+        self._routes.forget()
         session.transitions.disconnect()
         for publication in handler.suspend():
             self._keep(session, publication)
@@ -183,18 +185,18 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             return REFUSED
         self.remove_subscription(topic_filter, session)
         granted: int = await super().add_subscription((topic_filter, min(qos, 1)), session)
-        self._forget_routes()
+        self._routes.forget()
         return granted
 
     def remove_subscription(self, topic_filter: str, session: Session) -> None:
         """Nothing more is queued for the session by this filter."""
         if self._del_subscription(topic_filter, session) and not self._subscriptions[topic_filter]:
             del self._subscriptions[topic_filter]
-        self._forget_routes()
+        self._routes.forget()
 
     async def _del_all_subscriptions(self, session: Session) -> None:
         await super()._del_all_subscriptions(session)
-        self._forget_routes()
+        self._routes.forget()
 
     def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
         """Retained messages that a new subscription matches, to this client only."""
@@ -212,10 +214,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             return
         if retain:
             await self.retain_message(session, publication.topic, publication.payload, publication.qos)
-        receivers = self._routes.get(publication.topic)
-        if receivers is None:
-            receivers = await self._find_receivers(publication.topic)
-        for receiver, granted in receivers:
+        for receiver, granted in await self._routes.receivers(publication.topic):
             qos = min(publication.qos, granted)
             _, handler = self._sessions.get(receiver.client_id, (None, None))
             if handler in self.handlers:
@@ -225,23 +224,8 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if publication.topic == topics.BROKER_METER_ASK and self.on_ask is not None:
             await self.on_ask(bytes(publication.payload).decode(errors="replace"))
 
-    async def _find_receivers(self, topic: str) -> list[tuple[Session, int]]:
-        """Sessions with a matching subscription, each once, with the highest QoS granted."""
-        found: dict[str, tuple[Session, int]] = {}
-        for topic_filter, subscriptions in self._subscriptions.items():
-            if self._matches(topic, topic_filter):
-                for session, qos in subscriptions:
-                    best = max(qos, found.get(session.client_id, (session, 0))[1])
-                    found[session.client_id] = (session, best)
-        routes = self._routes  # replaced as soon as a subscription changes while we wait here
-        receivers = [each for each in found.values() if await self._topic_filtering(each[0], topic, Action.RECEIVE)]
-        if len(routes) >= CACHED_TOPICS:
-            routes.clear()
-        routes[topic] = receivers
-        return receivers
-
-    def _forget_routes(self) -> None:
-        self._routes = {}
+    async def _may_receive(self, session: Session, topic: str) -> bool:
+        return bool(await self._topic_filtering(session, topic, Action.RECEIVE))
 
     def _keep(self, session: Session, publication: Publication) -> None:
         """Hold a QoS 1 message for a persistent session that is away, up to a limit."""
@@ -258,15 +242,3 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     ) -> None:
         """amqtt's way to publish; its own loop would build the text of every payload for a log line."""
         await self.accept(session, Publication(topic, memoryview(data), force_qos or 0), retain=False)
-
-
-def _check_connect(first: int, body: bytearray) -> None:
-    """Whether a CONNECT packet's strings fill it exactly (section 3.1): amqtt makes do with what there is."""
-    if first != CONNECT << 4:
-        raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
-    flags, end = (body[7], 10) if len(body) > 10 else (0, 0)
-    will, password, user = flags >> 2 & 1, flags >> 6 & 1, flags >> 7
-    for _ in range(1 + 2 * will + password + user):
-        end += 2 + int.from_bytes(body[end : end + 2], "big")
-    if end != len(body):
-        raise MalformedPacket(f"CONNECT whose fields end at byte {end} of {len(body)}")

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import struct
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from amqtt.adapters import BufferReader
-from amqtt.errors import AMQTTError, CodecError, MQTTError, NoDataError
 from amqtt.mqtt.packet import (
     DISCONNECT,
     PINGREQ,
@@ -25,16 +21,13 @@ from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.mqtt.subscribe import SubscribePacket
 from amqtt.mqtt.unsubscribe import UnsubscribePacket
 
-from broker.connection import Connection, MalformedPacket, Packet
+from broker.connection import Connection
+from broker.errors import MalformedPacket
+from broker.packets import Packet, decode_filters, parse_packet_id, parse_publish
 from broker.publication import Publication
 
 if TYPE_CHECKING:
     from broker.core import SwarmBroker
-
-logger = logging.getLogger("broker")
-
-# What amqtt's packet codecs raise on bytes that are no packet.
-CODEC_ERRORS = (AMQTTError, MQTTError, CodecError, NoDataError, struct.error, ValueError)
 
 # Packet identifiers have 16 bits; the last few stay free.
 INFLIGHT_LIMIT = 65_000
@@ -75,7 +68,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             MalformedPacket: the client broke the protocol.
         """
         while not self.left_cleanly:
-            packet = await self.connection.read_packet()
+            packet = await self.connection.reader.read_packet()
             if packet.first >> 4 == PUBLISH:
                 await self._on_publish(packet)
             else:
@@ -86,7 +79,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         if _REQUIRED_FLAGS.get(kind) != first & 15:
             raise MalformedPacket(f"packet with first byte 0x{first:02x}, which no client may send here")
         if kind == PUBACK:
-            self._on_puback(_packet_id(body))
+            self._on_puback(parse_packet_id(body))
         elif kind == PINGREQ:
             self.connection.send(_PINGRESP)
         elif kind == SUBSCRIBE:
@@ -94,35 +87,36 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         elif kind == UNSUBSCRIBE:
             await self._on_unsubscribe(MQTTFixedHeader(kind, 2, len(body)), body)
         elif kind == PUBREL:
-            self.session.inflight_in.pop(_packet_id(body), None)
+            self.session.inflight_in.pop(parse_packet_id(body), None)
             self.connection.send(b"\x70\x02" + body[:2])
         else:
             self.left_cleanly = True
 
     async def _on_publish(self, packet: Packet) -> None:
-        first, body, cost_bytes = packet
         try:
-            topic, identifier, start = _parse_publish(first, body)
+            message = parse_publish(packet.first, packet.body)
         except MalformedPacket:
-            self._broker.budget.release(cost_bytes)
+            self._broker.budget.release(packet.cost_bytes)
             raise
-        payload, qos = memoryview(body)[start:], first >> 1 & 3
-        publication = Publication(topic, payload, min(qos, 1), self._broker.budget, cost_bytes)
+        packet_id, taken = int.from_bytes(message.packet_id, "big"), self.session.inflight_in
+        publication = Publication(
+            message.topic, message.payload, min(message.qos, 1), self._broker.budget, packet.cost_bytes
+        )
         try:
-            self._broker.meter.received(self.session.client_id, topic, len(payload), len(body))
-            seen = qos == 2 and int.from_bytes(identifier, "big") in self.session.inflight_in
-            if not seen:
-                await self._broker.accept(self.session, publication, retain=bool(first & 1))
+            client_id, size = self.session.client_id, len(message.payload)
+            self._broker.meter.received(client_id, message.topic, size, len(packet.body))
+            if message.qos < 2 or packet_id not in taken:
+                await self._broker.accept(self.session, publication, retain=message.retain)
         finally:
             publication.drop()
-        if qos == 1:
-            self.connection.send(b"\x40\x02" + identifier)
-        elif qos == 2:
-            self.session.inflight_in[int.from_bytes(identifier, "big")] = True
-            self.connection.send(b"\x50\x02" + identifier)
+        if message.qos == 1:
+            self.connection.send(b"\x40\x02" + message.packet_id)
+        elif message.qos == 2:
+            taken[packet_id] = True
+            self.connection.send(b"\x50\x02" + message.packet_id)
 
     async def _on_subscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
-        packet = await _decode(SubscribePacket, fixed, body)
+        packet = await decode_filters(SubscribePacket, fixed, body)
         subscriptions = packet.payload.topics
         if any(qos > 2 for _, qos in subscriptions):
             raise MalformedPacket("SUBSCRIBE with a QoS above 2")
@@ -133,7 +127,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
                 self._broker.deliver_retained(self, topic_filter, qos)
 
     async def _on_unsubscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
-        packet = await _decode(UnsubscribePacket, fixed, body)
+        packet = await decode_filters(UnsubscribePacket, fixed, body)
         for topic_filter in packet.payload.topics:
             self._broker.remove_subscription(topic_filter, self.session)
         await self.mqtt_acknowledge_unsubscription(packet.variable_header.packet_id)
@@ -232,35 +226,3 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
     async def mqtt_publish(self, topic: str, data: bytes, qos: int | None, retain: bool, *_: Any) -> None:
         """amqtt's way to send a message to this client; does not wait for the PUBACK."""
         self.deliver(Publication(topic, memoryview(data), qos or 0), min(qos or 0, 1), retain=retain)
-
-
-async def _decode(kind: type[Any], fixed: MQTTFixedHeader, body: bytearray) -> Any:
-    try:
-        packet = await kind.from_stream(BufferReader(bytes(body)), fixed_header=fixed)
-    except CODEC_ERRORS as error:
-        raise MalformedPacket(f"{kind.__name__}: {error}") from error
-    if not packet.payload.topics or packet.bytes_length != fixed.to_bytes().__len__() + len(body):
-        raise MalformedPacket(f"{kind.__name__} without topic filters or with bytes left over")
-    return packet
-
-
-def _parse_publish(first: int, body: bytearray) -> tuple[str, bytes, int]:
-    """Topic, packet identifier (empty at QoS 0) and where the payload begins."""
-    qos = first >> 1 & 3
-    topic_end = 2 + int.from_bytes(body[:2], "big")
-    start = topic_end + (2 if qos else 0)
-    if qos == 3 or start > len(body) or len(body) < 2:
-        raise MalformedPacket(f"PUBLISH with QoS {qos} and a topic that ends at byte {start} of {len(body)}")
-    try:
-        topic = body[2:topic_end].decode()
-    except UnicodeDecodeError as error:
-        raise MalformedPacket("PUBLISH with a topic that is not UTF-8") from error
-    if not topic or topic.startswith("$") or any(char in topic for char in "+#\0"):
-        raise MalformedPacket(f"PUBLISH on topic {topic!r}, which no client may publish on")
-    return topic, bytes(body[topic_end:start]), start
-
-
-def _packet_id(body: bytearray) -> int:
-    if len(body) != 2:
-        raise MalformedPacket(f"acknowledgement with {len(body)} bytes, expected 2")
-    return int.from_bytes(body, "big")

@@ -184,11 +184,10 @@ async def watch(broker: SwarmBroker) -> None:
         now_s = loop.time()
         for handler in tuple(broker.handlers):
             connection = handler.connection
-            silence_s = now_s - connection.last_received_s
             allowed_s = KEEPALIVE_FACTOR * handler.session.keep_alive
             if reason := handler.overdue(now_s):
                 what = "stalled"
-            elif allowed_s and silence_s > allowed_s and not connection.waits_for_room:
+            elif allowed_s and connection.silent_for(now_s) > allowed_s:
                 reason, what = f"it was silent for {allowed_s:g} s, 1.5 keepalives", "silent"
             else:
                 continue

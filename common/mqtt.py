@@ -6,12 +6,11 @@ import logging
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 from typing import Any, Self
-from urllib.parse import unquote, urlsplit
 
 from paho.mqtt.client import MQTT_ERR_NO_CONN
 
+from common.broker_url import BrokerAddress, parse_url
 from common.bus import Message, Payload
 from common.errors import BrokerUnreachableError, ConfigurationError
 from common.meter import Meter
@@ -21,53 +20,12 @@ __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
 
 logger = logging.getLogger("bus")
 
-DEFAULT_PORT = 1883
 UNSENT_LIMIT_BYTES = 64 * 1024 * 1024
 UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
 CONNECT_ATTEMPT_S = 3.0
 CLOSE_TIMEOUT_S = 5.0
 _REFUSED = 128
-
-
-@dataclass(frozen=True)
-class BrokerAddress:
-    """A parsed broker URL."""
-
-    host: str
-    port: int
-    user: str | None = None
-    password: str | None = None
-
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"mqtt://{host}:{self.port}"  # never the password: this goes to logs and errors
-
-
-def parse_url(url: str) -> BrokerAddress:
-    """Parse mqtt://[user:password@]host[:port].
-
-    Raises:
-        ConfigurationError: not such a URL.
-    """
-    wanted = "expected mqtt://[user:password@]host[:1883]"
-    try:
-        parts = urlsplit(url)
-        port = DEFAULT_PORT if parts.port is None else parts.port
-    except ValueError as error:
-        raise ConfigurationError(f"broker URL {_masked(url)!r}: {error}; {wanted}") from error
-    host = parts.hostname or ""
-    extra = parts.path.strip("/") or parts.query or parts.fragment
-    if parts.scheme != "mqtt" or not host or port == 0 or extra or any(char.isspace() for char in url):
-        raise ConfigurationError(f"broker URL {_masked(url)!r}: {wanted}")
-    user = unquote(parts.username) if parts.username else None
-    password = unquote(parts.password) if parts.password is not None else None
-    return BrokerAddress(host, port, user, password)
-
-
-def _masked(url: str) -> str:
-    before, at, after = url.rpartition("@")
-    return f"{before.split('://')[0]}://...@{after}" if at else url
 
 
 class MqttBus:
@@ -142,11 +100,11 @@ class MqttBus:
 
     def unsubscribe(self, *filters: str) -> None:
         """Returns when the broker has confirmed it: nothing more is delivered for these filters."""
-        filters = tuple(filter_ for filter_ in filters if self._filters.pop(filter_, None) is not None)
-        if not filters:
-            return
         with self._changed:
-            mid = self._paho.unsubscribe(list(filters))[1] if self._connected else None
+            filters = tuple(filter_ for filter_ in filters if self._filters.pop(filter_, None) is not None)
+            if not filters or not self._connected:
+                return
+            mid = self._paho.unsubscribe(list(filters))[1]
             if mid is not None:
                 self._asked[mid] = filters
         # A lost connection ends the subscriptions too: only those in self._filters are made again.

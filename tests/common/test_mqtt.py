@@ -236,6 +236,37 @@ def test_error_in_the_network_thread_reaches_the_user(connect):
         subscriber.receive(20)
 
 
+def test_message_that_is_sent_again_is_counted_again():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        seen = []
+
+        def serve() -> None:
+            for acknowledges in (False, True):
+                peer, _ = listener.accept()
+                with peer:
+                    peer.recv(1000)  # CONNECT
+                    peer.sendall(b"\x20\x02\x00\x00")
+                    packet = b""
+                    while len(packet) < 43:  # 1 + 1 + 2 + 34 + 2 + 3
+                        packet += peer.recv(1000)
+                    seen.append(packet)
+                    if acknowledges:
+                        peer.sendall(b"\x40\x02" + packet[38:40])
+                        peer.recv(1000)  # DISCONNECT
+
+        server = threading.Thread(target=serve)
+        server.start()
+        bus = MqttBus.connect(f"mqtt://127.0.0.1:{listener.getsockname()[1]}", "agent-1", connect_timeout_s=10)
+        bus.publish(WEIGHTS, b"abc")
+        bus.flush()
+        bus.close()
+        server.join()
+    assert [packet[0] for packet in seen] == [0x32, 0x3A]  # the second time with DUP
+    assert seen[0][1:] == seen[1][1:]
+    (row,) = bus.meter.rows()
+    assert (row.messages, row.payload_bytes, row.packet_bytes) == (2, 6, 86)
+
+
 def test_message_with_a_topic_that_is_not_utf_8_is_ignored():
     with socket.create_server(("127.0.0.1", 0)) as listener:
 

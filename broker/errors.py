@@ -1,0 +1,19 @@
+"""Why a connection ends."""
+
+from __future__ import annotations
+
+
+class PeerGone(ConnectionError):
+    """The connection has ended; its text says why."""
+
+
+class MalformedPacket(Exception):
+    """A packet that MQTT 3.1.1 does not allow. It costs its sender the connection, nobody else anything."""
+
+    event = "refused_malformed"
+
+
+class MessageTooLarge(MalformedPacket):
+    """A packet over the size limit, known from its fixed header, before anything is allocated."""
+
+    event = "refused_too_large"

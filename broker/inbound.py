@@ -1,0 +1,151 @@
+"""Packets from one socket, each read straight into a buffer of its own size."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+from amqtt.mqtt.packet import PUBLISH
+
+from broker.errors import MalformedPacket, MessageTooLarge, PeerGone
+from broker.limits import OVERHEAD_BYTES, Budget, Limits
+from broker.packets import Packet
+
+BUFFER_BYTES = 16 * 1024
+
+
+class PacketReader:
+    """Reads only while somebody waits for a packet, and a PUBLISH only when the budget has room for it."""
+
+    def __init__(self, sock: socket.socket, limits: Limits, budget: Budget, fail: Callable[[str], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self.last_received_s = self._loop.time()
+        self._sock, self._fd = sock, sock.fileno()
+        self._limits, self._budget, self._fail = limits, budget, fail
+        self._buffer = memoryview(bytearray(BUFFER_BYTES))
+        self._start = self._end = 0
+        self._target, self._wanted, self._got = self._buffer, 0, 0
+        self._waiter: asyncio.Future[None] | None = None
+        self._room: asyncio.Future[None] | None = None
+        self._reading = self._in_packet = False
+        self._ended: str | None = None
+
+    @property
+    def waits_for_room(self) -> bool:
+        """Whether the broker itself has stopped reading from this client for want of memory."""
+        return self._room is not None
+
+    async def read_packet(self, limit_bytes: int | None = None) -> Packet:
+        """The next packet.
+
+        Raises:
+            PeerGone: the connection has ended.
+            MalformedPacket: remaining length of more than four bytes (MQTT 3.1.1, section 2.2.3).
+            MessageTooLarge: over the size limit.
+        """
+        first, length = await self._fixed_header()
+        limit_bytes = limit_bytes or self._limits.message_bytes
+        if length > limit_bytes:
+            raise MessageTooLarge(f"packet of {length} bytes, the limit here is {limit_bytes}")
+        cost_bytes = 0
+        if first >> 4 == PUBLISH:
+            cost_bytes = length + OVERHEAD_BYTES
+            await self._take(cost_bytes)
+        try:
+            body = await self._read_body(length)
+        except BaseException:
+            self._budget.release(cost_bytes)
+            raise
+        self._in_packet = False
+        return Packet(first, body, cost_bytes)
+
+    def overdue(self, now_s: float, stall_s: float) -> str | None:
+        """Why the connection must be ended for stopping in mid-packet, if it must."""
+        if self._in_packet and not self.waits_for_room and now_s - self.last_received_s > stall_s:
+            return f"it stopped in the middle of a packet for {stall_s:g} s"
+        return None
+
+    def end(self, reason: str) -> None:
+        """Nothing more will be read; who waits for a packet gets PeerGone."""
+        self._ended = reason
+        self._loop.remove_reader(self._fd)
+        for waiter in (self._waiter, self._room):
+            if waiter is not None and not waiter.done():
+                waiter.set_exception(PeerGone(reason))
+
+    async def _fixed_header(self) -> tuple[int, int]:
+        await self._fill(2)
+        self._in_packet = True
+        first, length, digits = self._buffer[self._start], 0, 0
+        while True:
+            await self._fill(digits + 2)
+            digit = self._buffer[self._start + 1 + digits]
+            length |= (digit & 127) << 7 * digits
+            digits += 1
+            if digit < 128:
+                break
+            if digits == 4:
+                raise MalformedPacket("remaining length of more than four bytes")
+        self._start += 1 + digits
+        return first, length
+
+    async def _take(self, cost_bytes: int) -> None:
+        if self._budget.try_take(cost_bytes):
+            return
+        self._room = self._budget.request(cost_bytes)
+        try:
+            await self._room
+        finally:
+            self._room = None
+            self.last_received_s = self._loop.time()
+
+    async def _read_body(self, length: int) -> bytearray:
+        body = bytearray(length)
+        ready = min(length, self._end - self._start)
+        body[:ready] = self._buffer[self._start : self._start + ready]
+        self._start += ready
+        if ready < length:
+            await self._receive(memoryview(body)[ready:], length - ready)
+        return body
+
+    async def _fill(self, count: int) -> None:
+        while self._end - self._start < count:
+            rest = self._end - self._start
+            self._buffer[:rest] = bytes(self._buffer[self._start : self._end])
+            self._start, self._end = 0, rest
+            self._end += await self._receive(self._buffer[rest:], 1)
+
+    async def _receive(self, target: memoryview, wanted: int) -> int:
+        if self._ended is not None:
+            raise PeerGone(self._ended)
+        self._target, self._wanted, self._got = target, wanted, 0
+        self._waiter = self._loop.create_future()
+        if not self._reading:
+            self._loop.add_reader(self._fd, self._on_readable)
+            self._reading = True
+        try:
+            await self._waiter
+        finally:
+            self._waiter = None
+        return self._got
+
+    def _on_readable(self) -> None:
+        if self._waiter is None or self._waiter.done():
+            self._loop.remove_reader(self._fd)
+            self._reading = False
+            return
+        try:
+            count = self._sock.recv_into(self._target[self._got :])
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._fail(f"reading failed: {error.strerror}")
+            return
+        if count == 0:
+            self._fail("the client closed the connection")
+            return
+        self.last_received_s = self._loop.time()
+        self._got += count
+        if self._got >= self._wanted:
+            self._waiter.set_result(None)

@@ -1,0 +1,148 @@
+"""Packets to one socket: written in slices, sharing their payloads with the other subscribers' queues."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import socket
+import struct
+import termios
+from collections import deque
+from collections.abc import Callable
+from itertools import islice
+
+from broker.limits import Turns
+
+GATHERED = 64  # packets in one system call
+
+Done = Callable[[int], None]
+
+
+class _Outgoing:
+    """A packet that is being written: header, then payload."""
+
+    __slots__ = ("done", "header", "payload", "sent", "size")
+
+    def __init__(self, header: bytes, payload: memoryview | None, done: Done | None) -> None:
+        self.header = header
+        self.payload = payload
+        self.done = done
+        self.size = len(header) + (len(payload) if payload is not None else 0)
+        self.sent = 0
+
+    def views(self, room: int) -> list[bytes | memoryview]:
+        """What is left to write, `room` bytes of the payload at most."""
+        start, head = self.sent, len(self.header)
+        views: list[bytes | memoryview] = []
+        if start < head:
+            views.append(self.header[start:] if start else self.header)
+            start = head
+        if self.payload is not None and start < self.size:
+            views.append(self.payload[start - head : start - head + room])
+        return views
+
+
+class PacketWriter:
+    """A queue of packets in front of a non-blocking socket."""
+
+    def __init__(self, sock: socket.socket, turns: Turns, fail: Callable[[str], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._sock, self._fd = sock, sock.fileno()
+        self._turns, self._fail = turns, fail
+        self._queue: deque[_Outgoing] = deque()
+        self._writing = self._closing = False
+        self._ended = False
+        self._written = self._taken = 0
+        self._last_taken_s = self._loop.time()
+
+    def send(self, header: bytes, payload: memoryview | None = None, done: Done | None = None) -> None:
+        """Queue a packet. `done` is called once, with the bytes of it that were written.
+
+        That is the packet's size when it was completely written and less when the connection ended first.
+        """
+        if self._ended:
+            if done is not None:
+                done(0)
+            return
+        if not self._queue:
+            self._last_taken_s = self._loop.time()
+        self._queue.append(_Outgoing(header, payload, done))
+        if not self._writing:
+            self._flush()
+
+    def close_when_empty(self) -> None:
+        """End the connection when all that is queued has been written."""
+        self._closing = True
+        if not self._queue:
+            self._fail("closed by the broker")
+
+    def overdue(self, now_s: float, stall_s: float) -> str | None:
+        """Why the connection must be ended for taking nothing of what is queued, if it must."""
+        if not self._queue:
+            return None
+        taken = self._written - self._unacknowledged()
+        if taken > self._taken:
+            self._taken, self._last_taken_s = taken, now_s
+        if now_s - self._last_taken_s > stall_s:
+            return f"it read nothing for {stall_s:g} s while {len(self._queue)} packets waited for it"
+        return None
+
+    def end(self) -> None:
+        """Nothing more will be written; what is queued is given up."""
+        self._ended = True
+        self._stop_writing()
+        queue, self._queue = self._queue, deque()
+        for item in queue:
+            if item.done is not None:
+                item.done(item.sent)
+
+    def _flush(self) -> None:
+        views: list[bytes | memoryview] = []
+        room = self._turns.slice_bytes
+        for item in islice(self._queue, GATHERED):
+            views += item.views(room)
+            room -= item.size - item.sent
+            if room <= 0:
+                break
+        try:
+            count = self._sock.sendmsg(views)
+        except (BlockingIOError, InterruptedError):
+            count = 0
+        except OSError as error:
+            self._fail(f"writing failed: {error.strerror}")
+            return
+        self._written += count
+        self._complete(count)
+        if self._queue and not self._writing:
+            self._writing = True
+            self._turns.writers += 1
+            self._loop.add_writer(self._fd, self._flush)
+        elif not self._queue:
+            self._stop_writing()
+            if self._closing:
+                self._fail("closed by the broker")
+
+    def _complete(self, count: int) -> None:
+        while count:
+            item = self._queue[0]
+            left = item.size - item.sent
+            if count < left:
+                item.sent += count
+                return
+            count -= left
+            self._queue.popleft()
+            if item.done is not None:
+                item.done(item.size)
+
+    def _stop_writing(self) -> None:
+        if self._writing:
+            self._loop.remove_writer(self._fd)
+            self._writing = False
+            self._turns.writers -= 1
+
+    def _unacknowledged(self) -> int:
+        # A slow reader frees the kernel's send buffer long before the socket becomes writable again, so
+        # progress is what the peer's TCP acknowledged, not what could be written.
+        answer = fcntl.ioctl(self._fd, termios.TIOCOUTQ, struct.pack("i", 0))
+        count: int = struct.unpack("i", answer)[0]
+        return count
