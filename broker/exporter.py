@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from threading import Thread
-from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -47,12 +45,13 @@ class BrokerCollector(Collector):
         yield GaugeMetricFamily("jouleswarm_broker_held_bytes", "bytes of messages in memory", value=held)
 
 
-def start_exporter(broker: SwarmBroker, host: str, port: int) -> tuple[WSGIServer, Thread]:
-    """Serve `/metrics` from a thread of its own; port 0 picks a free one.
+def start_exporter(broker: SwarmBroker, host: str, port: int) -> int:
+    """Serve `/metrics` from a thread of its own; gives the port, a free one for 0.
 
     Raises:
         OSError: the address is in use or does not exist.
     """
     registry = CollectorRegistry()
     registry.register(BrokerCollector(broker))
-    return start_http_server(port, addr=host, registry=registry)
+    server, _ = start_http_server(port, addr=host, registry=registry)
+    return int(server.server_port)

@@ -15,6 +15,9 @@ from broker.errors import MalformedPacket
 CODEC_ERRORS = (AMQTTError, MQTTError, CodecError, NoDataError, struct.error, ValueError)
 
 
+PROTOCOL_LEVEL = 4  # MQTT 3.1.1
+
+
 class Packet(NamedTuple):
     """A packet as received: first byte, everything after the fixed header, and what it took of the budget."""
 
@@ -76,6 +79,8 @@ def check_connect(first: int, body: bytearray) -> None:
     """Whether this is a CONNECT packet whose fields fill it exactly (section 3.1)."""
     if first != CONNECT << 4:
         raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
+    if len(body) > 6 and body[6] != PROTOCOL_LEVEL:
+        return  # amqtt answers that with a CONNACK
     flags, end = (body[7], 10) if len(body) > 10 else (0, 0)
     will, password, user = flags >> 2 & 1, flags >> 6 & 1, flags >> 7
     for _ in range(1 + 2 * will + password + user):

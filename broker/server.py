@@ -60,7 +60,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None]) -> None:
         listener = stack.enter_context(_listen(settings.host, settings.port))
         metrics = None
         if settings.metrics_port is not None:
-            metrics = _export(broker, settings.host, settings.metrics_port, stack)
+            metrics = _export(broker, settings.host, settings.metrics_port)
         await broker.start()
         stack.push_async_callback(broker.shutdown)
         acceptor = Acceptor(listener, broker)
@@ -86,19 +86,12 @@ def _listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _export(broker: SwarmBroker, host: str, port: int, stack: AsyncExitStack) -> int:
+def _export(broker: SwarmBroker, host: str, port: int) -> int:
     try:
-        server, thread = start_exporter(broker, host, port)
+        # Its thread is a daemon and ends with the process; to stop it by itself takes half a second.
+        return start_exporter(broker, host, port)
     except OSError as error:
         raise ConfigurationError(_cannot_listen(host, port, error, "--metrics-port")) from error
-
-    def stop() -> None:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-    stack.callback(stop)
-    return int(server.server_port)
 
 
 def _cannot_listen(host: str, port: int, error: OSError, option: str) -> str:

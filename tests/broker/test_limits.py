@@ -115,6 +115,13 @@ def test_what_is_no_connect_is_closed(start_broker, raw, packet):
     assert broker.event("internal_errors") == 0
 
 
+def test_mqtt_5_is_refused_with_its_return_code(broker, raw):
+    client = raw(broker)
+    client.send(0x10, b"\x00\x04MQTT\x05\x02\x00\x3c\x05\x11\x00\x00\x00\x0a\x00\x01x")
+    assert client.read() == (0x20, b"\x00\x01")  # unacceptable protocol version (section 3.2.2.3)
+    assert client.is_closed_by_broker()
+
+
 def test_stuck_subscriber_neither_grows_memory_nor_stops_the_others_for_ever(start_broker, raw, eventually):
     broker = start_broker("--memory-mb", "32", "--stall-timeout-s", "2")
     before = memory_bytes(broker)
