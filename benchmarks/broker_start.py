@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from common.mqtt import MqttBus
@@ -24,21 +25,29 @@ log_type error
 """
 
 
+@dataclass(frozen=True)
+class Running:
+    """A broker that runs."""
+
+    url: str
+    pid: int
+
+
 @contextlib.contextmanager
-def embedded(*options: str) -> Iterator[str]:
-    """The broker of this repository; gives its URL."""
+def embedded(*options: str) -> Iterator[Running]:
+    """The broker of this repository."""
     command = [sys.executable, "-m", "broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *options]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        yield json.loads(process.stdout.readline())["url"]
+        yield Running(json.loads(process.stdout.readline())["url"], process.pid)
         process.stdin.close()
         process.wait(timeout=10)
 
 
 @contextlib.contextmanager
-def mosquitto() -> Iterator[str]:
-    """Mosquitto without limits and without Nagle's delay; gives its URL."""
+def mosquitto() -> Iterator[Running]:
+    """Mosquitto without limits and without Nagle's delay."""
     program = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
     if program is None:
         sys.exit("this benchmark compares with Mosquitto: apt-get install mosquitto")
@@ -50,6 +59,6 @@ def mosquitto() -> Iterator[str]:
         process = subprocess.Popen([program, "-c", str(config)], stderr=subprocess.DEVNULL)
         url = f"mqtt://127.0.0.1:{port}"
         MqttBus.connect(url, "probe").close()
-        yield url
+        yield Running(url, process.pid)
         process.terminate()
         process.wait(timeout=10)

@@ -1,6 +1,6 @@
 """Delivered throughput of the embedded broker against Mosquitto, with the same clients, in one run.
 
-    python -m benchmarks.broker_throughput [--rounds 15] [--meter-cost]
+    python -m benchmarks.broker_throughput [--rounds 15] [--no-meter]
 
 Every subscriber is a process of its own. Each round measures all brokers one after the other, so that a busy
 machine slows all of them alike; the ratios are medians over the rounds.
@@ -169,13 +169,13 @@ def measure(case: Case, urls: dict[str, str], rounds: int) -> dict[str, list[flo
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--no-meter", action="store_true", help="switch the embedded broker's metering off")
     parser.add_argument("--case", help="only cases whose name contains this")
-    parser.add_argument("--meter-cost", action="store_true", help="compare with the broker's own metering off too")
     options = parser.parse_args()
     with contextlib.ExitStack() as stack:
-        urls = {"embedded": stack.enter_context(embedded()), "mosquitto": stack.enter_context(mosquitto())}
-        if options.meter_cost:
-            urls["unmetered"] = stack.enter_context(embedded("--no-meter"))
+        brokers = {"embedded": stack.enter_context(embedded(*(["--no-meter"] if options.no_meter else [])))}
+        brokers["mosquitto"] = stack.enter_context(mosquitto())
+        urls = {name: broker.url for name, broker in brokers.items()}
         print(f"{'case':20}" + "".join(f"{name + ', ms (MB/s)':>24}" for name in urls) + "   embedded is ... x as fast")
         for case in CASES:
             if options.case and options.case not in case.name:

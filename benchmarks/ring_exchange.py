@@ -47,8 +47,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--mosquitto", action="store_true", help="over Mosquitto in place of the embedded broker")
     options = parser.parse_args()
-    with mosquitto() if options.mosquitto else embedded() as url:
-        crew = Crew([(robot, (url, number)) for number in range(ROBOTS)])
+    with mosquitto() if options.mosquitto else embedded() as broker:
+        crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])
         seconds = [crew.round_s(lambda: None) for _ in range(options.rounds + 1)][1:]
         wire_bytes, payload_bytes = map(sum, zip(*crew.end(answers=True), strict=True))
     print(f"a round: median {statistics.median(seconds):.3f} s, slowest {max(seconds):.3f} s (goal: 0.35 s)")

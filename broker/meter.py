@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from common.meter import Direction, Meter, MeterRow, packet_bytes
+from common.meter import Direction, MeterRow, packet_bytes
 from common.mqtt_client import name_of
-from common.topics import Link, arm_of, link_of, run_of
+from common.topics import Link, arm_of, link_of, phase_of, run_of
 
 
 class LinkKey(NamedTuple):
@@ -22,40 +22,57 @@ class LinkKey(NamedTuple):
     client: str
 
 
+class RowKey(NamedTuple):
+    """What the rows are kept by."""
+
+    client: str
+    topic: str
+    direction: Direction
+
+
+Counts = list[int]  # messages, payload bytes, packet bytes
+
+
 class BrokerMeter:
-    """Wraps `Meter("broker")`: the same rows, plus running totals that are cheap to read. Thread-safe.
+    """The same rows as `common.meter.Meter("broker")`, and running totals that are cheap to read.
 
     `in` is a PUBLISH received whole from a client, `out` one written whole to a subscriber; a delivery that
-    was cut off is booked as aborted, never as delivered. Clients go by their plain names.
+    was cut off is booked as aborted, never as delivered. Clients go by their plain names. The event loop
+    counts; any thread may read.
     """
 
     def __init__(self, *, enabled: bool = True) -> None:
         self.enabled = enabled
         self.changes = 0
-        self.events: Counter[str] = Counter()
-        self._meter = Meter("broker")
-        self._totals: dict[LinkKey, list[int]] = {}
-        self._keys: dict[tuple[str, str, Direction], LinkKey | None] = {}
+        self._events: Counter[str] = Counter()
+        self._rows: dict[RowKey, Counts] = {}
+        self._totals: dict[LinkKey, Counts] = {}
+        # By what a packet says of itself: the counters that it adds to. Only new ones need the lock, so that
+        # counting a packet costs a lookup and six additions.
+        self._counters: dict[tuple[str, str, Direction], tuple[Counts, ...]] = {}
         self._lock = threading.Lock()
 
     def received(self, client_id: str, topic: str, payload_bytes: int, remaining_length: int) -> None:
         """Book a PUBLISH from a client."""
         if self.enabled:
-            self._count(client_id, topic, "in", payload_bytes, packet_bytes(remaining_length))
+            self._count((client_id, topic, "in"), payload_bytes, packet_bytes(remaining_length))
 
     def delivered(self, client_id: str, topic: str, payload_bytes: int, packet_size: int) -> None:
         """Book a PUBLISH that was written whole to a subscriber."""
         if self.enabled:
-            self._count(client_id, topic, "out", payload_bytes, packet_size)
+            self._count((client_id, topic, "out"), payload_bytes, packet_size)
 
     def event(self, what: str, count: int = 1) -> None:
         """Count something that is not traffic, such as a refusal."""
         with self._lock:
-            self.events[what] += count
+            self._events[what] += count
+        self.changes += 1
 
     def rows(self) -> list[MeterRow]:
-        """One cumulative row for each client, topic and direction."""
-        return self._meter.rows()
+        """One cumulative row for each client, topic and direction, in a stable order."""
+        with self._lock:
+            items = sorted((key, tuple(counts)) for key, counts in self._rows.items())
+        return [_row(key, *counts) for key, counts in items]
 
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""
@@ -65,29 +82,47 @@ class BrokerMeter:
     def event_counts(self) -> dict[str, int]:
         """Refusals and the like since the start."""
         with self._lock:
-            return dict(self.events)
+            return dict(self._events)
 
-    def _count(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, size: int) -> None:
-        short = (client_id, topic, direction)
-        if short not in self._keys:
-            self._keys[short] = _key(*short)
-        key = self._keys[short]
-        if key is None:
-            return
-        self._meter.count(key.client, topic, direction, payload_bytes, size)
-        with self._lock:
-            counts = self._totals.setdefault(key, [0, 0, 0])
+    def _count(self, what: tuple[str, str, Direction], payload_bytes: int, packet_size: int) -> None:
+        counters = self._counters.get(what)
+        if counters is None:
+            counters = self._new_counters(*what)
+        for counts in counters:
             counts[0] += 1
             counts[1] += payload_bytes
-            counts[2] += size
-        self.changes += 1
+            counts[2] += packet_size
+        self.changes += len(counters)
+
+    def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Counts, ...]:
+        link, name = link_of(topic), name_of(client_id)
+        if link is None:
+            return ()
+        total = LinkKey(run_of(topic), arm_of(topic), link, direction, name)
+        with self._lock:
+            counters = (
+                self._rows.setdefault(RowKey(name, topic, direction), [0, 0, 0]),
+                self._totals.setdefault(total, [0, 0, 0]),
+            )
+        self._counters[client_id, topic, direction] = counters
+        return counters
 
 
-def _key(client_id: str, topic: str, direction: Direction) -> LinkKey | None:
-    link = link_of(topic)
-    if link is None:
-        return None
-    return LinkKey(run_of(topic), arm_of(topic), link, direction, name_of(client_id))
+def _row(key: RowKey, messages: int, payload_bytes: int, size: int) -> MeterRow:
+    link = link_of(key.topic)
+    assert link is not None  # held by _new_counters
+    return MeterRow(
+        side="broker",
+        arm=arm_of(key.topic),
+        phase=phase_of(key.topic),
+        topic=key.topic,
+        link=link,
+        client=key.client,
+        direction=key.direction,
+        messages=messages,
+        payload_bytes=payload_bytes,
+        packet_bytes=size,
+    )
 
 
 def by_link(totals: Iterable[tuple[LinkKey, tuple[int, int, int]]]) -> dict[Link, dict[str, dict[str, int]]]:

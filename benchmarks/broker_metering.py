@@ -1,0 +1,64 @@
+"""What metering costs the broker: time to count a packet, as a share of its processor time for the packet.
+
+    python -m benchmarks.broker_metering
+
+Wall time of a run with metering against one without does not resolve this: it varies by more than the cost.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+import psutil
+
+from benchmarks.broker_start import embedded
+from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, fan_out
+from broker.meter import BrokerMeter
+from common.mqtt import MqttBus, wire_id
+
+TOPIC = f"{RUN}/ul/1/1/experience"
+
+
+def count_s(repeats: int = 200_000) -> float:
+    """Seconds to count one packet."""
+    meter, client_id = BrokerMeter(), wire_id("agent-1")
+    start_s = time.perf_counter()
+    for _ in range(repeats):
+        meter.delivered(client_id, TOPIC, FRAME_BYTES, FRAME_BYTES + 50)
+    return (time.perf_counter() - start_s) / repeats
+
+
+def packet_s(case: Case, rounds: int) -> float:
+    """Processor seconds of an unmetered broker for one packet in or out."""
+    with embedded("--no-meter") as broker:
+        crew, publisher = Crew(case.crew(broker.url)), MqttBus.connect(broker.url, "publisher")
+        payload, process = os.urandom(case.size_bytes), psutil.Process(broker.pid)
+
+        def act() -> None:
+            for _ in range(case.messages):
+                publisher.publish(TOPIC, payload)
+
+        crew.round_s(act)
+        before = process.cpu_times()
+        for _ in range(rounds):
+            crew.round_s(act)
+        after = process.cpu_times()
+        crew.end()
+        publisher.close()
+    subscribers = case.delivered_bytes // (case.messages * case.size_bytes)
+    seconds = after.user + after.system - before.user - before.system
+    return seconds / (rounds * case.messages * (1 + subscribers))
+
+
+def main() -> None:
+    counting_s = count_s()
+    print(f"counting a packet: {counting_s * 1e6:.2f} us")
+    for case, rounds in ((fan_out(2000, 1000, 1, "1 kB to 1"), 10), *((case, 60) for case in CASES[:3])):
+        handling_s = packet_s(case, rounds)
+        share = counting_s / handling_s
+        print(f"{case.name:20} handling a packet: {handling_s * 1e6:8.1f} us; metering adds {share:.2%} (goal: 3%)")
+
+
+if __name__ == "__main__":
+    main()
