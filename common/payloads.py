@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 import safetensors
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.bus import Payload
 from common.errors import PayloadError
@@ -45,9 +45,9 @@ class ModelHeader(_Header):
     task: int = Field(ge=0, description="0: the meta-model")
     agent: int = Field(ge=0, description="0: the data center")
     round: int = Field(ge=0)
-    reward: float | None = Field(None, description="average running reward R of the sender")
+    reward: FiniteFloat | None = Field(None, description="average running reward R of the sender")
     samples: int = Field(0, ge=0, description="|E_k|: new transitions of the round")
-    rewards: Annotated[dict[int, tuple[int, float]], BeforeValidator(_from_json)] = Field(
+    rewards: Annotated[dict[int, tuple[int, FiniteFloat]], BeforeValidator(_from_json)] = Field(
         default_factory=dict, description="newest known (round, episode reward) of each robot of the cluster"
     )
     padding: str = ""
@@ -62,7 +62,7 @@ class MotionHeader(_Header):
     round: int = Field(ge=1)
     motion: int = Field(ge=0)
     action: int = Field(ge=0, le=3)
-    reward: float = Field(allow_inf_nan=False)
+    reward: FiniteFloat
     first: Annotated[bool, BeforeValidator(_from_json)] = Field(description="the frame opens an episode")
     terminated: Annotated[bool, BeforeValidator(_from_json)]
     padding: str = ""
@@ -100,7 +100,9 @@ def decode_model(payload: Payload, shapes: Shapes) -> tuple[dict[str, npt.NDArra
     expected = {name: ("F32", tuple(shape)) for name, shape in shapes.items()}
     tensors, header = _decode(payload, expected, ModelHeader)
     for name, tensor in tensors.items():
-        if not math.isfinite(float(np.add.reduce(tensor, axis=None, dtype=np.float64))):
+        with np.errstate(invalid="ignore"):  # infinities of both signs add up to NaN, which is what is looked for
+            total = float(np.add.reduce(tensor, axis=None, dtype=np.float64))
+        if not math.isfinite(total):
             raise PayloadError(f"model of robot {header.agent}, round {header.round}: {name} is not finite")
     return tensors, header
 

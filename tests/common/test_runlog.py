@@ -1,0 +1,83 @@
+"""The run directory."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import ConfigurationError, RunError
+from common.meter import Meter
+from common.runlog import RoundRow, RunDirectory
+
+
+def row(**fields: Any) -> RoundRow:
+    return RoundRow.model_validate(
+        {"phase": "fl", "arm": "maml", "task": 1, "agent": 1, "round": 1, "seconds": 0.5} | fields
+    )
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_a_directory_that_is_not_empty_is_never_written_into(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text("mine")
+    with pytest.raises(ConfigurationError, match="is not empty; name another"):
+        RunDirectory(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+def test_an_empty_or_new_directory_is_taken(tmp_path: Path) -> None:
+    assert RunDirectory(tmp_path).path == tmp_path
+    assert (RunDirectory(tmp_path / "a" / "b").path / "weights").is_dir()
+
+
+def test_rows_are_on_disk_as_they_come(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    directory.round(row(agent=2, round=7))
+    assert [each["round"] for each in lines(tmp_path / "rounds.jsonl")] == [7]
+    directory.round(row(agent=1, round=6))
+    assert [each["round"] for each in lines(tmp_path / "rounds.jsonl")] == [7, 6]
+    assert [each.round for each in directory.rows] == [7, 6]
+
+
+def test_the_finished_file_is_in_order_whatever_came_first(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    ordered = [
+        row(phase="maml", task=1, agent=0, round=1),
+        row(phase="maml", task=1, agent=0, round=2),
+        row(phase="maml", task=1, agent=1, round=1),
+        row(task=1, agent=1, round=2),
+        row(task=1, agent=1, round=10),
+        row(task=2, agent=3, round=1),
+        row(arm="no_maml", task=1, agent=1, round=1),
+    ]
+    for each in reversed(ordered):
+        directory.round(each)
+    directory.summary({"seed": 1})
+    assert [RoundRow.model_validate(each) for each in lines(tmp_path / "rounds.jsonl")] == ordered
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"seed": 1}
+
+
+def test_meter_and_weights_are_written_whole(tmp_path: Path) -> None:
+    directory, meter = RunDirectory(tmp_path), Meter("broker")
+    meter.count("agent-1", "jouleswarm/r/maml/sl/1/1/weights", "in", 100, 140)
+    directory.meter(meter.rows())
+    directory.weights("maml-task1", memoryview(b"payload"))
+    assert lines(tmp_path / "meter.jsonl") == [
+        {
+            "side": "broker", "arm": "maml", "phase": "fl", "topic": "jouleswarm/r/maml/sl/1/1/weights",
+            "link": "sidelink", "client": "agent-1", "direction": "in",
+            "messages": 1, "payload_bytes": 100, "packet_bytes": 140,
+        }
+    ]  # fmt: skip
+    assert (tmp_path / "weights" / "maml-task1.safetensors").read_bytes() == b"payload"
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_file_that_cannot_be_written_is_an_error_of_ours(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    (tmp_path / "weights").rmdir()
+    with pytest.raises(RunError, match=r"cannot write .*No such file or directory"):
+        directory.weights("maml-task1", b"payload")

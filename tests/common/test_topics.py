@@ -1,0 +1,53 @@
+"""Topics: what they look like, and what is read from them."""
+
+import pytest
+
+from common import topics
+from common.topics import Link
+
+METERED = {
+    topics.experience("r", "maml", 2, 3): ("jouleswarm/r/maml/ul/2/3/experience", Link.UPLINK, "maml"),
+    topics.meta_model("r", "maml"): ("jouleswarm/r/maml/dl/meta", Link.DOWNLINK, "maml"),
+    topics.meta_model("r", "maml", 3): ("jouleswarm/r/maml/dl/3/meta", Link.DOWNLINK, "maml"),
+    topics.weights("r", "no_maml", 2, 3): ("jouleswarm/r/no_maml/sl/2/3/weights", Link.SIDELINK, "fl"),
+    topics.resend("r", "maml", 2, 3): ("jouleswarm/r/maml/ctl/2/3/resend", Link.CONTROL, "control"),
+    topics.collect_again("r", "maml", 2, 3): ("jouleswarm/r/maml/ctl/2/3/collect", Link.CONTROL, "control"),
+    topics.meta_round("r", "maml"): ("jouleswarm/r/maml/ctl/meta/round", Link.CONTROL, "control"),
+    topics.meta_resend("r", "maml"): ("jouleswarm/r/maml/ctl/meta/resend", Link.CONTROL, "control"),
+    topics.presence("r", 2, 3): ("jouleswarm/r/all/ctl/2/3/presence", Link.CONTROL, "control"),
+    topics.telemetry("r", "maml", "agent-3"): ("jouleswarm/r/maml/tlm/agent-3/round", Link.CONTROL, "control"),
+    topics.learned("r", "maml", 2): ("jouleswarm/r/maml/tlm/2/learned", Link.CONTROL, "control"),
+    topics.snapshot("r", "maml", 42): ("jouleswarm/r/maml/tlm/42/snapshot", Link.CONTROL, "control"),
+}
+
+
+@pytest.mark.parametrize("topic", METERED)
+def test_a_topic_says_its_link_run_arm_and_phase(topic: str) -> None:
+    written, link, phase = METERED[topic]
+    assert topic == written
+    assert topics.link_of(topic) == link
+    assert topics.phase_of(topic) == phase
+    assert topics.run_of(topic) == "r"
+    assert topics.arm_of(topic) == written.split("/")[2]
+
+
+def test_all_topics_of_a_run_differ() -> None:
+    assert len(METERED) == 12
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        topics.BROKER_METER,
+        topics.BROKER_METER_ASK,
+        topics.meter_report("r", "agent-3"),
+        "jouleswarm/r/maml/xx/2/3/weights",
+        "elsewhere/r/maml/sl/2/3/weights",
+        "$SYS/broker/bytes/sent",
+        "jouleswarm/r/maml/sl",
+        "",
+    ],
+)
+def test_reports_and_foreign_topics_are_not_metered(topic: str) -> None:
+    assert topics.link_of(topic) is None
+    assert topics.phase_of(topic) == "control"
