@@ -191,12 +191,15 @@ class Exchange:
             log.warning("refused a message on %s: %s", message.topic, error)
 
     def _take_weights(self, message: Message) -> None:
+        if topics.arm_of(message.topic) != self._arm:  # an answer to a request of the arm before, come late
+            return
         agent = int(message.topic.split("/")[5])
         weights, header = decode_model(message.payload, self._shapes)
-        if (header.agent, header.task) != (agent, self._here.task) or header.reward is None or header.samples < 1:
+        told = header.reward is not None and header.rewards.get(agent, (0, 0.0))[0] == header.round
+        if (header.agent, header.task) != (agent, self._here.task) or not told or header.samples < 1:
             raise PayloadError(
-                f"model of robot {header.agent}, task {header.task}, reward {header.reward}, samples "
-                f"{header.samples}; expected robot {agent}, task {self._here.task}, with reward and samples"
+                f"model of robot {header.agent}, task {header.task}, reward {header.reward}, rewards {header.rewards}, "
+                f"samples {header.samples}; expected robot {agent}, task {self._here.task}, its rewards and samples"
             )
         # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
         if self._gathered < header.round <= self._gathered + 2:

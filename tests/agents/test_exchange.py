@@ -1,0 +1,333 @@
+"""A robot's side of the protocol, over the in-memory bus: what it waits for, what it asks for, what it refuses."""
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+import pytest
+
+from agents.exchange import Exchange
+from agents.neighbourhood import Neighbourhood
+from common import topics
+from common.bus import MemoryBus, MemoryHub, Message
+from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
+
+RUN, ARM, TASK, ME = "r", "maml", 1, 1
+SHAPES = {"w": (2,)}
+PATIENT_S, IMPATIENT_S = 60.0, 0.02
+DEADLINE_S = 20.0
+Result = TypeVar("Result")
+
+
+class Running:
+    """A call in a thread of its own, that must end before a deadline."""
+
+    def __init__(self, call: Callable[[], Result]) -> None:
+        self._got: list[Result] = []
+        self._error: list[BaseException] = []
+        self._thread = threading.Thread(target=self._run, args=(call,), daemon=True)
+        self._thread.start()
+
+    def _run(self, call: Callable[[], Result]) -> None:
+        try:
+            self._got.append(call())
+        except BaseException as error:  # noqa: BLE001 - raised again by result()
+            self._error.append(error)
+
+    def result(self) -> Result:
+        self._thread.join(DEADLINE_S)
+        assert not self._thread.is_alive(), "still waiting"
+        if self._error:
+            raise self._error[0]
+        return self._got[0]
+
+    @property
+    def waits(self) -> bool:
+        return self._thread.is_alive()
+
+
+class Table:
+    """Robot 1 of a cluster of three, and the hands of the others."""
+
+    def __init__(self, resend_after_s: float = PATIENT_S, arm: str = ARM) -> None:
+        self.hub = MemoryHub()
+        here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2, 3), neighbours=(2, 3), diameter=1)
+        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, resend_after_s)
+        self.others = self.hub.connect("others")
+        self.ears = self.hub.connect("ears")
+        self.exchange.join(arm=arm)
+        self.exchange.open_arm(arm)
+
+    def listen(self, *filters: str) -> MemoryBus:
+        self.ears.subscribe(*filters)
+        return self.ears
+
+    def send(self, agent: int, round_: int, value: float = 0.0, arm: str = ARM, **header: object) -> None:
+        fields = {
+            "task": TASK, "agent": agent, "round": round_, "reward": 1.0, "samples": 20,
+            "rewards": {agent: (round_, 1.0)}, **header,
+        }  # fmt: skip
+        payload = encode_model({"w": np.full(2, value, np.float32)}, ModelHeader.model_validate(fields))
+        self.others.publish(topics.weights(RUN, arm, TASK, agent), payload)
+
+    def send_raw(self, agent: int, payload: bytes) -> None:
+        self.others.publish(topics.weights(RUN, ARM, TASK, agent), payload)
+
+    def present(self, agent: int, stage: int, state: str = "here") -> None:
+        presence = Presence.model_validate({"agent": agent, "stage": stage, "state": state})
+        self.others.publish(topics.presence(RUN, TASK, agent), encode_json(presence), retain=True)
+
+    def values(self, round_: int) -> dict[int, float]:
+        return {agent: float(weights["w"][0]) for agent, (weights, _) in self.exchange.gather(round_).items()}
+
+
+def heard(bus: MemoryBus) -> Message:
+    message = bus.receive(DEADLINE_S)
+    assert message is not None, "nothing was said"
+    return message
+
+
+def test_gather_takes_all_neighbours_in_whatever_order() -> None:
+    table = Table()
+    table.send(3, 1, 30.0)
+    table.send(2, 1, 20.0)
+    assert table.values(1) == {2: 20.0, 3: 30.0}
+
+
+def test_gather_waits_until_the_last_neighbour_has_sent() -> None:
+    table = Table()
+    table.send(2, 1, 20.0)
+    gathering = Running(lambda: table.values(1))
+    # what the waiting robot does meanwhile shows that it has taken robot 2's weights and goes on waiting
+    ears = table.listen(topics.weights(RUN, ARM, TASK, ME))
+    table.exchange.publish_weights({"w": np.zeros(2, np.float32)}, header(1))
+    heard(ears)
+    table.others.publish(topics.resend(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
+    heard(ears)
+    assert gathering.waits
+    table.send(3, 1, 30.0)
+    assert gathering.result() == {2: 20.0, 3: 30.0}
+
+
+def header(round_: int) -> ModelHeader:
+    return ModelHeader(task=TASK, agent=ME, round=round_, reward=1.0, samples=20, rewards={ME: (round_, 1.0)})
+
+
+def test_a_robot_without_neighbours_gathers_nothing_at_once() -> None:
+    here = Neighbourhood(agent=1, task=1, cluster=(1,), neighbours=(), diameter=1)
+    exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S)
+    exchange.join(arm=ARM)
+    exchange.open_arm(ARM)
+    exchange.await_stage(1)
+    assert exchange.gather(1) == {}
+
+
+def test_a_neighbour_one_round_ahead_is_kept_for_the_next_round() -> None:
+    table = Table()
+    table.send(2, 1, 21.0)
+    table.send(2, 2, 22.0)
+    table.send(3, 1, 31.0)
+    assert table.values(1) == {2: 21.0, 3: 31.0}
+    table.send(3, 2, 32.0)
+    assert table.values(2) == {2: 22.0, 3: 32.0}
+
+
+def test_duplicates_and_weights_of_rounds_gone_by_change_nothing() -> None:
+    table = Table()
+    table.send(2, 1, 21.0)
+    table.send(3, 1, 31.0)
+    table.values(1)
+    table.send(2, 1, 99.0)  # sent again, too late
+    table.send(2, 2, 22.0)
+    table.send(2, 2, 22.0)
+    table.send(3, 2, 32.0)
+    assert table.values(2) == {2: 22.0, 3: 32.0}
+    table.send(2, 3, 23.0)
+    table.send(3, 3, 33.0)
+    assert table.values(3) == {2: 23.0, 3: 33.0}
+    assert table.exchange.refused == 0
+
+
+def test_weights_of_another_arm_change_nothing() -> None:
+    # An answer to a request of the first arm can come when the second has begun.
+    table = Table()
+    table.send(2, 1, 1.0)
+    table.send(3, 1, 1.0)
+    table.values(1)
+    table.exchange.open_arm("no_maml")
+    table.send(2, 1, 99.0, arm="maml")
+    table.send(3, 1, 30.0, arm="no_maml")
+    table.send(2, 1, 20.0, arm="no_maml")
+    table.send(2, 1, 99.0, arm="maml")
+    assert table.values(1) == {2: 20.0, 3: 30.0}
+    table.send(2, 2, 98.0, arm="maml")
+    gathering = Running(lambda: table.values(2))
+    table.send(3, 2, 31.0, arm="no_maml")
+    table.send(2, 2, 21.0, arm="no_maml")
+    assert gathering.result() == {2: 21.0, 3: 31.0}
+
+
+def good(**fields: object) -> bytes:
+    base = {"task": TASK, "agent": 2, "round": 1, "reward": 1.0, "samples": 20, "rewards": {2: (1, 1.0)}}
+    return encode_model({"w": np.ones(2, np.float32)}, ModelHeader.model_validate({**base, **fields}))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"garbage",
+        good()[:-1],
+        encode_model({"w": np.ones(3, np.float32)}, ModelHeader(task=1, agent=2, round=1, reward=1.0, samples=20)),
+        encode_model({"w": np.full(2, np.nan, np.float32)}, ModelHeader(task=1, agent=2, round=1, samples=20)),
+        good(agent=3),
+        good(task=2),
+        good(reward=None),
+        good(samples=0),
+        good(rewards={}),  # the rewards are what the cluster decides by
+    ],
+    ids=["empty", "garbage", "truncated", "shape", "NaN", "agent", "task", "no reward", "no samples", "no rewards"],
+)
+def test_a_bad_payload_is_refused_counted_and_waited_past(payload: bytes) -> None:
+    table = Table()
+    table.send(3, 1, 30.0)
+    table.send_raw(2, payload)
+    table.send(2, 1, 20.0)
+    assert table.values(1) == {2: 20.0, 3: 30.0}
+    assert table.exchange.refused == 1
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        topics.presence(RUN, TASK, 2),
+        topics.meta_round(RUN, ARM),
+        topics.meta_model(RUN, ARM),
+        topics.collect_again(RUN, ARM, TASK, ME),
+        topics.resend(RUN, ARM, TASK, ME),
+    ],
+)
+def test_garbage_on_any_topic_is_refused_and_counted(topic: str) -> None:
+    table = Table()
+    table.others.publish(topic, b"\xff garbage")
+    table.send(2, 1, 20.0)
+    table.send(3, 1, 30.0)
+    assert table.values(1) == {2: 20.0, 3: 30.0}
+    assert table.exchange.refused == 1
+
+
+def test_what_has_not_come_is_asked_for_again_from_who_has_not_sent_it() -> None:
+    table = Table(IMPATIENT_S)
+    ears = table.listen(topics.resend(RUN, ARM, TASK, 2), topics.resend(RUN, ARM, TASK, 3))
+    table.send(3, 1, 30.0)
+    gathering = Running(lambda: table.values(1))
+    for _ in range(2):  # and again, as long as it does not come
+        message = heard(ears)
+        assert message.topic == topics.resend(RUN, ARM, TASK, 2)
+        assert decode_json(message.payload, RoundRequest) == RoundRequest(first=1, last=1)
+    table.send(2, 1, 20.0)
+    assert gathering.result() == {2: 20.0, 3: 30.0}
+
+
+def test_a_request_is_answered_with_this_rounds_or_the_last_rounds_weights() -> None:
+    table = Table()
+    ears = table.listen(topics.weights(RUN, ARM, TASK, ME))
+    sent = {
+        round_: table.exchange.publish_weights({"w": np.full(2, round_, np.float32)}, header(round_))
+        for round_ in (1, 2, 3)
+    }
+    for _ in sent:
+        heard(ears)
+    for round_ in (1, 2, 3):  # round 1 is forgotten: every neighbour had it when round 2 was gathered
+        table.others.publish(topics.resend(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=round_, last=round_)))
+    table.send(2, 1)
+    table.send(3, 1)
+    table.exchange.gather(1)
+    assert [heard(ears).payload for _ in range(2)] == [sent[2], sent[3]]
+    assert ears.receive(0.001) is None
+
+
+def test_stages_are_waited_for_and_a_robot_that_went_does_not_count_as_come() -> None:
+    table = Table()
+    table.present(2, 1)
+    table.present(3, 0)
+    waiting = Running(lambda: table.exchange.await_stage(1))
+    ears = table.listen(topics.weights(RUN, ARM, TASK, ME))
+    table.exchange.publish_weights({"w": np.zeros(2, np.float32)}, header(1))
+    heard(ears)
+    table.present(3, 1, state="gone")
+    table.others.publish(topics.resend(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
+    heard(ears)  # by now the 'gone' has been taken, and the robot waits on
+    assert waiting.waits
+    table.present(3, 1)
+    waiting.result()
+
+
+def test_presence_is_retained_for_robots_that_come_later() -> None:
+    table = Table()
+    table.exchange.announce(3)
+    late = table.hub.connect("late")
+    late.subscribe(topics.presence(RUN, TASK, ME))
+    message = heard(late)
+    assert message.retained
+    assert decode_json(message.payload, Presence) == Presence(agent=ME, stage=3)
+
+
+def want(table: Table, first: int, last: int) -> None:
+    table.others.publish(topics.meta_round(RUN, ARM), encode_json(RoundRequest(first=first, last=last)), retain=True)
+
+
+def test_wanted_rounds_are_due_once_and_in_order_until_the_stage_is_over() -> None:
+    table = Table()
+    want(table, 1, 2)
+    assert table.exchange.await_rounds_due(set(), t0=3) == [1, 2]
+    want(table, 2, 3)
+    assert table.exchange.await_rounds_due({1, 2}, t0=3) == [3]
+    want(table, 4, 4)
+    assert table.exchange.await_rounds_due({1, 2, 3}, t0=3) == []
+
+
+def test_a_round_asked_for_again_is_due_again() -> None:
+    table = Table()
+    want(table, 1, 2)
+    table.others.publish(topics.collect_again(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
+    ears = table.listen(topics.meta_resend(RUN, ARM))
+    assert table.exchange.await_rounds_due({1, 2}, t0=2) == [1]
+    assert ears.receive(0.001) is None
+
+
+def meta(round_: int = 3) -> bytes:
+    return encode_model({"w": np.full(2, 5, np.float32)}, ModelHeader(task=0, agent=0, round=round_))
+
+
+def test_the_meta_model_is_taken_from_the_downlink_without_asking() -> None:
+    table = Table()
+    ears = table.listen(topics.meta_resend(RUN, ARM))
+    want(table, 1, 2)
+    table.others.publish(topics.meta_model(RUN, ARM), meta())
+    want(table, 4, 4)
+    assert table.exchange.await_meta_model(ARM, t0=3)["w"].tolist() == [5.0, 5.0]
+    assert ears.receive(0.001) is None
+
+
+def test_a_meta_model_that_went_by_is_asked_for() -> None:
+    table = Table()
+    ears = table.listen(topics.meta_resend(RUN, ARM))
+    want(table, 4, 4)  # the stage is over, and the meta-model was sent before this robot came
+    waiting = Running(lambda: table.exchange.await_meta_model(ARM, t0=3))
+    assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
+    table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
+    assert waiting.result()["w"].tolist() == [5.0, 5.0]
+
+
+def test_a_robot_that_leaves_hears_no_more_and_hands_in_its_counters() -> None:
+    table = Table()
+    ears = table.listen(topics.meter_report(RUN, "agent-1"), topics.learned(RUN, ARM, TASK))
+    table.exchange.hand_in(b"weights")
+    table.exchange.leave()
+    assert heard(ears) == Message(topics.learned(RUN, ARM, TASK), b"weights")
+    assert heard(ears).topic == topics.meter_report(RUN, "agent-1")
+    table.send(2, 1)
+    received = [row for row in table.hub.meter.rows() if row.client == "agent-1" and row.direction == "out"]
+    assert [row for row in received if "weights" in row.topic] == []

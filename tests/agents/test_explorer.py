@@ -1,0 +1,156 @@
+"""How a robot moves and what it brings, on a map whose returns can be worked out by hand.
+
+The path is entry (0, 1), (1, 1), (2, 1), exit (3, 1): 3 motions forward, worth -0.5 - 2.5 x 2/3, -0.5 - 2.5 x 1/3, 80.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from agents.explorer import Explorer
+from agents.learner import Learner
+from common.payloads import MotionHeader, decode_motion
+from common.scenario import Scenario, scenario_from
+
+FORWARD, LEFT = 0, 2
+FIRST, SECOND, EXIT = -0.5 - 2.5 * 2 / 3, -0.5 - 2.5 / 3, 80.0
+BEST_RETURN = FIRST + 0.99 * SECOND + 0.99**2 * EXIT  # 74.921
+
+
+def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario:
+    data = {
+        "name": "t", "seed": 3,
+        "world": {"rows": 4, "cols": 3, "max_motions": 10},
+        "camera": {"width": 16, "height": 12},
+        "network": {"width": 8, "height": 6, "conv": [], "dense": []},
+        "learning": {"motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, **learning},
+        "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0},
+        "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X .", "rewards": rewards}],
+    }  # fmt: skip
+    return scenario_from(data, "test")
+
+
+def always(action: int, settings: Scenario) -> Learner:
+    """A robot whose Q-function prefers one action everywhere."""
+    bias = np.zeros(4, np.float32)
+    bias[action] = 1.0
+    weights: dict[str, npt.NDArray[np.float32]] = {"1.weight": np.zeros((4, 8 * 6 * 4), np.float32), "1.bias": bias}
+    return Learner(settings.network, settings.learning, weights, np.random.default_rng(1))
+
+
+def begun(settings: Scenario, agent: int = 1) -> Explorer:
+    explorer = Explorer(settings, agent)
+    explorer.begin("maml")
+    return explorer
+
+
+def test_a_perfect_episode_returns_the_discounted_rewards_and_follows_the_path() -> None:
+    settings = scenario()
+    reward, rmse_m = begun(settings).evaluate(always(FORWARD, settings))
+    assert reward == pytest.approx(BEST_RETURN, abs=1e-4)
+    assert rmse_m == 0.0
+
+
+def test_an_episode_that_never_arrives_pays_and_is_measured_against_the_path() -> None:
+    settings = scenario()
+    reward, rmse_m = begun(settings).evaluate(always(LEFT, settings))
+    # ten motions at (0, 0), one off the entry: -3 - 1.5 each
+    assert reward == pytest.approx(-4.5 * (1 - 0.99**10) / (1 - 0.99), abs=1e-4)
+    # (0, 1), then (0, 0) against (1, 1), (2, 1) and nine times... the path waits at (3, 1) for motions 3 to 10
+    assert rmse_m == pytest.approx(math.sqrt((0 + 2 + 5 + 8 * 10) / 11))
+
+
+def test_an_episode_that_never_arrives_never_counts_above_0() -> None:
+    settings = scenario(rewards=[1.0] * 12)
+    assert begun(settings).evaluate(always(LEFT, settings))[0] == 0.0
+    assert begun(settings).evaluate(always(FORWARD, settings))[0] == pytest.approx(1 + 0.99 + 0.99**2)
+
+
+def test_collecting_fills_the_memory_with_whole_transitions() -> None:
+    settings = scenario(starts="entry")
+    robot = always(FORWARD, settings)
+    explorer = begun(settings)
+    assert explorer.collect(robot, 8) == 8  # two whole episodes of 3 motions, and 2 motions
+    assert len(robot.replay) == 8
+    batch = robot.replay.sample(300, np.random.default_rng(0))
+    assert set(batch.actions.tolist()) == {FORWARD}
+    assert sorted(set(batch.rewards.tolist())) == pytest.approx(sorted([FIRST, SECOND, EXIT]), abs=1e-5)
+    assert batch.terminated.tolist() == [float(reward == EXIT) for reward in batch.rewards.tolist()]
+
+
+def test_an_episode_goes_on_in_the_next_round() -> None:
+    settings = scenario(starts="entry")
+    robot, explorer = always(FORWARD, settings), begun(settings)
+    for _ in range(3):
+        explorer.collect(robot, 1)
+    batch = robot.replay.sample(300, np.random.default_rng(0))
+    assert EXIT in batch.rewards.tolist()  # three rounds of one motion each have reached the exit
+
+
+def test_a_truncated_episode_keeps_its_last_transition() -> None:
+    settings = scenario(starts="entry")
+    robot = always(LEFT, settings)
+    begun(settings).collect(robot, 11)  # ten motions and a new episode's first
+    assert len(robot.replay) == 11
+    assert robot.replay.sample(300, np.random.default_rng(0)).terminated.max() == 0.0
+
+
+def test_epsilon_1_moves_at_random() -> None:
+    settings = scenario(epsilon=1.0)
+    robot = always(FORWARD, settings)
+    begun(settings).collect(robot, 50)
+    assert set(robot.replay.sample(500, np.random.default_rng(0)).actions.tolist()) == {0, 1, 2, 3}
+
+
+def test_the_same_arm_brings_the_same_to_the_bit_whatever_came_before() -> None:
+    settings = scenario(epsilon=0.5, starts="anywhere")
+
+    def collected(explorer: Explorer, arm: str) -> bytes:
+        robot = always(FORWARD, settings)
+        explorer.begin(arm)
+        explorer.collect(robot, 20)
+        explorer.evaluate(robot)
+        return b"".join(each.tobytes() for each in robot.replay.sample(100, np.random.default_rng(0)))
+
+    fresh, used = Explorer(settings, 1), Explorer(settings, 1)
+    list(used.motions(1))
+    collected(used, "maml")
+    assert collected(used, "no_maml") == collected(fresh, "no_maml")
+    assert collected(fresh, "maml") != collected(fresh, "no_maml")
+
+
+def read(payloads: list[bytes]) -> list[MotionHeader]:
+    return [decode_motion(payload, 12, 16)[1] for payload in payloads]
+
+
+def test_experience_follows_the_best_policy_of_the_table() -> None:
+    headers = read(list(Explorer(scenario(starts="entry"), 1).motions(2)))
+    assert [(each.task, each.agent, each.round, each.motion) for each in headers] == [(1, 1, 2, m) for m in range(8)]
+    assert [each.action for each in headers] == [FORWARD] * 8
+    assert [each.reward for each in headers] == pytest.approx([FIRST, SECOND, EXIT] * 2 + [FIRST, SECOND], abs=1e-5)
+    assert [each.first for each in headers] == [True, False, False] * 2 + [True, False]
+    assert [each.terminated for each in headers] == [False, False, True] * 2 + [False, False]
+
+
+def test_a_round_of_experience_asked_for_again_is_the_same_to_the_bit() -> None:
+    settings = scenario().model_copy(update={"meta": scenario().meta.model_copy(update={"epsilon": 0.5})})
+    explorer = Explorer(settings, 1)
+    first, second = list(explorer.motions(1)), list(explorer.motions(2))
+    assert list(explorer.motions(1)) == first
+    assert [each.action for each in read(first)] != [each.action for each in read(second)]
+    assert list(Explorer(settings, 1).motions(2)) == second
+
+
+def test_robots_of_a_cluster_start_in_areas_of_their_own() -> None:
+    # Landmark i, row by row, is worth i; an episode is one motion to the left.
+    settings = scenario(rewards=[float(index) for index in range(12)])
+    settings = settings.model_copy(update={"world": settings.world.model_copy(update={"max_motions": 1})})
+    arrived = []
+    for agent in (1, 2):
+        robot = always(LEFT, settings)
+        begun(settings, agent).collect(robot, 50)
+        arrived.append(set(robot.replay.sample(1000, np.random.default_rng(0)).rewards.tolist()))
+    # starts without the exit 10: 0 to 4 for the first robot, 5 to 9 and 11 for the second
+    assert arrived == [{0, 1, 3}, {4, 6, 7, 9, 10}]
