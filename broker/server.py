@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
 import os
@@ -17,6 +18,7 @@ from broker.connection import Connection
 from broker.core import SwarmBroker
 from broker.exporter import start_exporter
 from broker.limits import Limits
+from broker.memory import keep_freed_memory
 from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from common.errors import ConfigurationError
@@ -54,6 +56,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None]) -> None:
     Raises:
         ConfigurationError: an address is in use or cannot be listened on.
     """
+    keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
     broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering))
     async with AsyncExitStack() as stack:
@@ -109,8 +112,9 @@ def _ending(exit_with_stdin: bool) -> asyncio.Event:
     if exit_with_stdin:
 
         def wait_for_end() -> None:
-            while os.read(0, 65536):
-                pass
+            with contextlib.suppress(OSError):  # closed from the beginning: the same
+                while os.read(0, 65536):
+                    pass
             loop.call_soon_threadsafe(ended.set)
 
         threading.Thread(target=wait_for_end, name="stdin", daemon=True).start()
