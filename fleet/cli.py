@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +21,9 @@ app = typer.Typer(
     help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
 )
 
-ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML), for example scenarios/quick.toml.")]
+ScenarioFile = Annotated[
+    Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml.")
+]
 Set = Annotated[
     list[str] | None, typer.Option("--set", help="Change the scenario: section.key=value. May be repeated.")
 ]
@@ -72,6 +75,9 @@ def record(
     ] = None,
     out: Out = Path("runs"),
     run_id: RunId = None,
+    ready_file: Annotated[
+        Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
+    ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -84,7 +90,7 @@ def record(
     from fleet.run import record_deployment
 
     settings = load_scenario(scenario, _overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console())
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file)
     print_bill(path, html=figures, figures=figures)
     print(f"run directory: {path}")
 
@@ -126,6 +132,8 @@ def audit() -> None:
 
 def main() -> None:
     """Entry point: errors of ours are one line and their exit code."""
+    # A container or a service manager stops a run as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         app(prog_name="jouleswarm")
     except JouleSwarmError as error:

@@ -55,11 +55,18 @@ def run_deployment(
     return directory.path
 
 
-def record_deployment(scenario: Scenario, run: str, out: Path, broker: str, console: Console) -> Path:
-    """Record a run whose processes others start; returns the run directory."""
+def record_deployment(
+    scenario: Scenario, run: str, out: Path, broker: str, console: Console, ready_file: Path | None = None
+) -> Path:
+    """Record a run whose processes others start; returns the run directory.
+
+    `ready_file` is written once the recorder listens: from then on the processes may be started.
+    """
     directory = RunDirectory(out / run)
     recorder = _recorder(scenario, broker, run, directory)
     directory.manifest(manifest(scenario, run, broker, embedded=False))
+    if ready_file is not None:
+        ready_file.touch()
     _record(scenario, recorder, console, None)
     return directory.path
 

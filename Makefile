@@ -1,0 +1,51 @@
+# make run    set up, then run a scenario on this machine     make run SCENARIO=scenarios/toy.toml ARGS="--seed 2"
+# make test   set up, then linters, type checker and all tests
+# make wheels the folder of wheels that the container image takes PyTorch from
+# make clean  removes what the above made, but no run directory
+#
+# TORCH_INDEX  options for pip when it fetches PyTorch. On Linux pip's usual index holds the CUDA build, several
+#              gigabytes that a machine without such a GPU has no use for. PyTorch publishes an index of CPU wheels:
+#              make run TORCH_INDEX="--index-url <address of the CPU wheels>". Unset, pip decides, by its configuration.
+# TORCH        exact, so that a CPU wheel that is found (2.13.0+cpu counts as newer than 2.13.0) is the one chosen.
+
+SCENARIO    ?= scenarios/quick.toml
+ARGS        ?=
+TORCH       ?= torch==2.13.0
+TORCH_INDEX ?=
+PYTHON      ?= $(shell for each in python3.11 python3 python; do \
+	$$each -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$each; break; }; done)
+
+VENV := .venv
+BIN  := $(VENV)/bin
+PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: run test setup wheels clean
+
+run: setup
+	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict
+	$(BIN)/pytest
+
+setup: $(VENV)/installed
+
+# A stamp: written last, so that a set-up that was broken off is done again, and a complete one never is.
+$(VENV)/installed: pyproject.toml
+	@test -n "$(PYTHON)" || { echo "JouleSwarm needs Python 3.11 or newer; none was found. make PYTHON=/path/to/python3.11"; exit 2; }
+	@echo "Setting up $(VENV) with $(PYTHON): a few minutes, the first time only"
+	@$(PYTHON) -m venv $(VENV)
+	@echo "  1/2 $(TORCH) (about 200 MB as a CPU wheel; see TORCH_INDEX in the Makefile)"
+	@$(PIP) $(TORCH_INDEX) "$(TORCH)"
+	@echo "  2/2 JouleSwarm and its other dependencies"
+	@$(PIP) --editable ".[dev]"
+	@touch $@
+	@echo "Set-up done"
+
+wheels: setup
+	$(BIN)/python -m pip download --no-deps --dest wheels $(TORCH_INDEX) "$(TORCH)"
+
+clean:
+	rm -rf $(VENV) wheels *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,211 @@
+"""The deployment file, read as Docker Compose reads it; the health check, run against a real broker."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from common.scenario import load_scenario
+
+ROOT = Path(__file__).resolve().parents[1]
+ROBOTS = [f"agent-{number}" for number in range(1, 13)]
+ROLES = ["broker", "recorder", "datacenter", *ROBOTS]
+
+
+def read(name: str) -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load((ROOT / name).read_text())
+    return document
+
+
+@pytest.fixture(scope="module")
+def compose() -> dict[str, Any]:
+    return read("docker-compose.yml")
+
+
+@pytest.fixture(scope="module")
+def services(compose: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = compose["services"]
+    return found
+
+
+def test_the_deployment_is_broker_recorder_data_center_and_twelve_robots(services: dict[str, Any]) -> None:
+    assert sorted(services) == sorted(ROLES)
+
+
+def test_the_robots_are_those_of_the_full_scenarios(services: dict[str, Any]) -> None:
+    ids = tuple(services[robot]["environment"]["JOULESWARM_ID"] for robot in ROBOTS)
+    assert ids == tuple(range(1, 13))
+    for scenario in ("quick", "paper"):
+        assert load_scenario(ROOT / "scenarios" / f"{scenario}.toml").agents == ids
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_container_has_no_privileges(services: dict[str, Any], role: str) -> None:
+    service = services[role]
+    assert service["init"] is True
+    assert service["read_only"] is True
+    assert service["tmpfs"] == ["/tmp"]
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert "privileged" not in service
+    assert int(service["user"].split(":")[0]) > 0
+
+
+@pytest.mark.parametrize("role", ["recorder", "datacenter", *ROBOTS])
+def test_all_processes_are_given_the_same_broker_and_scenario(services: dict[str, Any], role: str) -> None:
+    environment = services[role]["environment"]
+    assert environment["JOULESWARM_BROKER"] == "mqtt://broker:1883"
+    assert environment["JOULESWARM_SCENARIO"] == "${JOULESWARM_SCENARIO:-scenarios/quick.toml}"
+    assert environment["JOULESWARM_SET"] == "${JOULESWARM_SET:-}"
+
+
+@pytest.mark.parametrize("role", ["datacenter", *ROBOTS])
+def test_nobody_sends_before_the_recorder_listens(services: dict[str, Any], role: str) -> None:
+    assert services[role]["depends_on"] == {"recorder": {"condition": "service_healthy"}}
+    assert services["recorder"]["depends_on"] == {"broker": {"condition": "service_healthy"}}
+    assert services["recorder"]["healthcheck"]["test"][-1] in services["recorder"]["command"][-1]
+
+
+@pytest.mark.parametrize("role", ["datacenter", *ROBOTS])
+def test_a_process_that_is_done_stays_and_one_that_fails_ends_its_container(
+    services: dict[str, Any], role: str, tmp_path: Path
+) -> None:
+    shell, option, line = services[role]["command"]
+    assert (shell, option) == ("sh", "-c")
+    # The line itself, with stand-ins for the process and for the sleep.
+    for name, code in (("python", "exit ${CODE}"), ("sleep", "echo stays")):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{code}\n")
+        (tmp_path / name).chmod(0o755)
+
+    def run(code: int) -> tuple[int, str]:
+        environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "CODE": str(code)}
+        done = subprocess.run([shell, option, line], env=environment, capture_output=True, text=True, timeout=30)
+        return done.returncode, done.stdout
+
+    assert run(0) == (0, "stays\n")
+    assert run(5) == (5, "")
+
+
+def test_only_the_counters_are_published_and_to_this_machine_alone(compose: dict[str, Any]) -> None:
+    published = {role: service["ports"] for role, service in compose["services"].items() if "ports" in service}
+    assert published == {"broker": ["127.0.0.1:${JOULESWARM_METRICS_PORT:-9883}:9883"]}
+    assert compose["networks"]["bus"]["internal"] is True
+    assert all(service["networks"] == ["bus"] for role, service in compose["services"].items() if role != "broker")
+
+
+def test_results_are_kept_in_a_volume(compose: dict[str, Any]) -> None:
+    assert "runs:/runs" in compose["services"]["recorder"]["volumes"]
+    assert "runs" in compose["volumes"]
+    assert '--out "/runs/' in compose["services"]["recorder"]["command"][-1]
+
+
+def test_the_toy_deployment_starts_the_toy_scenarios_robots_only() -> None:
+    services = read("deploy/toy.compose.yml")["services"]
+    started = [role for role, service in services.items() if "profiles" not in service]
+    robots = load_scenario(ROOT / "scenarios/toy.toml").agents
+    assert sorted(started) == sorted(["recorder", "datacenter", *(f"agent-{robot}" for robot in robots)])
+    assert sorted(services) == sorted(role for role in ROLES if role != "broker")
+    for role in started:
+        assert services[role]["environment"] == {"JOULESWARM_SCENARIO": "scenarios/toy.toml"}
+
+
+def test_the_image_holds_every_package_and_runs_as_the_compose_user(services: dict[str, Any]) -> None:
+    lines = (ROOT / "Dockerfile").read_text().splitlines()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    for package in project["tool"]["setuptools"]["packages"]:
+        assert f"COPY {package} /source/{package}" in lines
+    assert f"USER {services['broker']['user']}" in lines
+
+
+def test_image_and_makefile_install_the_same_pytorch() -> None:
+    dockerfile, makefile = (ROOT / "Dockerfile").read_text(), (ROOT / "Makefile").read_text()
+    pinned = next(line.split("=", 1)[1] for line in dockerfile.splitlines() if line.startswith("ARG TORCH="))
+    assert f"TORCH       ?= {pinned}\n" in makefile
+
+
+@pytest.fixture
+def answering() -> Iterator[Any]:
+    """Starts a server that answers one connection's first packet with given bytes; yields it, it returns the port."""
+    listeners = []
+
+    def start(answer: bytes) -> int:
+        listener = socket.create_server(("127.0.0.1", 0))
+        listeners.append(listener)
+
+        def serve() -> None:
+            with listener.accept()[0] as connection:
+                connection.recv(64)
+                connection.sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        port: int = listener.getsockname()[1]
+        return port
+
+    yield start
+    for listener in listeners:
+        listener.close()
+
+
+def health(port: int) -> tuple[int, str]:
+    code = f"from broker_health import check; import sys; sys.exit(check('127.0.0.1', {port}))"
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", code], cwd=ROOT / "deploy", capture_output=True, text=True, timeout=30
+    )
+    return done.returncode, done.stderr.strip()
+
+
+@pytest.fixture
+def broker_port() -> Iterator[int]:
+    """Port of a real broker process."""
+    command = [sys.executable, "-m", "broker", "--port", "0", "--no-metrics", "--exit-with-stdin"]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as broker:
+        assert broker.stdin is not None
+        assert broker.stdout is not None
+        yield int(json.loads(broker.stdout.readline())["url"].rsplit(":", 1)[1])
+        broker.stdin.close()
+
+
+def test_a_broker_that_accepts_a_client_is_healthy(broker_port: int) -> None:
+    assert health(broker_port) == (0, "")
+
+
+def test_a_refused_connection_is_not_healthy(answering: Any) -> None:
+    # CONNACK with return code 5, not authorised (MQTT 3.1.1, table 3.1).
+    expected = "CONNECT was answered by 20 02 00 05, expected 20 02 00 00"
+    assert health(answering(b"\x20\x02\x00\x05")) == (1, expected)
+
+
+def test_a_port_nobody_listens_on_is_not_healthy() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    code, message = health(port)
+    assert code == 1
+    assert message.startswith(f"no broker at 127.0.0.1:{port}: ")
+
+
+def test_the_recorder_says_when_it_listens_and_a_stop_leaves_a_readable_run(broker_port: int, tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    command = [sys.executable, "-m", "fleet", "record", "--ready-file", str(ready), "--out", str(tmp_path)]
+    settings = {"JOULESWARM_SCENARIO": "scenarios/toy.toml", "JOULESWARM_BROKER": f"mqtt://127.0.0.1:{broker_port}"}
+    with subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, stdout=subprocess.DEVNULL) as recorder:
+        deadline_s = time.monotonic() + 60
+        while not ready.exists():
+            assert time.monotonic() < deadline_s
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                pytest.fail(f"the recorder ended with code {recorder.wait(0.05)}")
+        recorder.terminate()
+        assert recorder.wait(30) == 130
+    assert json.loads((tmp_path / "toy" / "summary.json").read_text())["status"] == "interrupted"
