@@ -37,7 +37,10 @@ class Checkpoint:
                 frames[f"{task}/{index}"] = np.stack([motion.frame for motion in each])
                 headers[f"{task}/{index}"] = "\n".join(motion.header.model_dump_json(by_alias=True) for motion in each)
         self._write(f"round-{round_:05d}", safetensors.numpy.save(frames, metadata=headers))
-        self._write("state", safetensors.torch.save(learner.state(), metadata={"round": str(round_)}))
+        self._write(
+            "state",
+            safetensors.torch.save(learner.state(), metadata={"round": str(round_), "scenario": learner.fingerprint}),
+        )
 
     def restore(self, learner: MetaLearner) -> int:
         """Bring `learner` to where the last whole round left it; returns that round, 0 without any.
@@ -50,12 +53,15 @@ class Checkpoint:
             return 0
         try:
             with safetensors.safe_open(path, framework="pt") as file:
-                round_ = int(file.metadata()["round"])
+                metadata = file.metadata()
+                if metadata["scenario"] != learner.fingerprint:
+                    raise ValueError("it is another scenario's")
+                round_ = int(metadata["round"])
                 learner.load_state({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
             for past in range(1, round_ + 1):
                 for task, motions in self._experience(past):
                     learner.remember(task, motions)
-        except (KeyError, RuntimeError, OSError, safetensors.SafetensorError) as error:
+        except (KeyError, ValueError, RuntimeError, OSError, safetensors.SafetensorError) as error:
             raise RunError(
                 f"checkpoint {self._folder}: does not fit this scenario ({error}); name another folder with --state"
             ) from error

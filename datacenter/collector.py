@@ -56,13 +56,14 @@ class Collector:
 
     def collect(self, round_: int) -> dict[int, list[list[Motion]]]:
         """Training task -> one list of motions, in order, for each of its robots."""
-        wait_s, quiet_from = self._scenario.bus.resend_after_s, time.monotonic()
+        wait_s, quiet_from, quiet_spells = self._scenario.bus.resend_after_s, time.monotonic(), 0
         while missing := self._missing(round_):
             if self._take_next(wait_s):
-                quiet_from = time.monotonic()
+                quiet_from, quiet_spells = time.monotonic(), 0
             elif time.monotonic() - quiet_from >= wait_s:
                 log.info("waiting for round %d of robots %s", round_, missing)
-                self._ask_again(round_, missing)
+                quiet_spells += 1
+                self._ask_again(round_, missing, begun_only=quiet_spells == 1)
                 quiet_from = time.monotonic()
         self._collected = round_
         arrived = self._motions.pop(round_)
@@ -84,10 +85,12 @@ class Collector:
         arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
         return [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
 
-    def _ask_again(self, round_: int, agents: list[int]) -> None:
-        # A robot that has not come yet will hear of the wanted rounds when it does.
+    def _ask_again(self, round_: int, agents: list[int], *, begun_only: bool) -> None:
+        # A robot that has not come yet will hear of the wanted rounds when it does. One that has, but of whose round
+        # nothing has come, may just be slow; or it sent the round to a data center that died, or while this
+        # one was cut off, and will not send it again unasked.
         for agent in agents:
-            if self._stages[agent] >= 0 and self._motions.get(round_, {}).get(agent):
+            if self._stages[agent] >= 0 and (not begun_only or self._motions.get(round_, {}).get(agent)):
                 topic = topics.collect_again(self._run, self._arm, self._training[agent], agent)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,6 +84,12 @@ class MetaLearner:
     def weights(self) -> dict[str, npt.NDArray[np.float32]]:
         """A copy of the meta-model's parameters."""
         return to_weights(self._model)
+
+    @property
+    def fingerprint(self) -> str:
+        """Of all that the training depends on: a state goes on bit by bit only where this is the same."""
+        settings = self._scenario.model_dump_json(exclude={"name", "energy", "bus"})
+        return hashlib.sha256(settings.encode()).hexdigest()
 
     def state(self) -> dict[str, Tensor]:
         """Everything that `load_state` needs to go on, as named tensors (replay apart)."""
