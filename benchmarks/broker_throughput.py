@@ -3,7 +3,8 @@
     python -m benchmarks.broker_throughput [--rounds 15] [--no-meter]
 
 Every subscriber is a process of its own. Each round measures all brokers one after the other, so that a busy
-machine slows all of them alike; the ratios are medians over the rounds.
+machine slows all of them alike; the ratios are medians over the rounds. On a busy machine wall time jumps with
+where the scheduler puts the processes, so the brokers' processor time a round is shown as well.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
+
+import psutil
 
 from benchmarks.broker_start import embedded, mosquitto
 from common.mqtt import MqttBus
@@ -166,6 +169,11 @@ def measure(case: Case, urls: dict[str, str], rounds: int) -> dict[str, list[flo
     return {name: values[1:] for name, values in seconds.items()}
 
 
+def cpu_s(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15)
@@ -176,12 +184,19 @@ def main() -> None:
         brokers = {"embedded": stack.enter_context(embedded(*(["--no-meter"] if options.no_meter else [])))}
         brokers["mosquitto"] = stack.enter_context(mosquitto())
         urls = {name: broker.url for name, broker in brokers.items()}
-        print(f"{'case':20}" + "".join(f"{name + ', ms (MB/s)':>24}" for name in urls) + "   embedded is ... x as fast")
+        processes = {name: psutil.Process(broker.pid) for name, broker in brokers.items()}
+        print(
+            f"{'case':20}"
+            + "".join(f"{name + ', ms (MB/s)':>24}" for name in urls)
+            + "      x as fast as   broker CPU, ms"
+        )
         for case in CASES:
             if options.case and options.case not in case.name:
                 continue
             rounds = max(3, options.rounds // 3) if not case.messages else options.rounds
+            before_s = {name: cpu_s(process) for name, process in processes.items()}
             seconds = measure(case, urls, rounds)
+            cpu_ms = [(cpu_s(processes[name]) - before_s[name]) / (rounds + 1) * 1e3 for name in urls]
             cells = (
                 f"{statistics.median(each) * 1e3:12.1f} ({case.delivered_bytes / 1e6 / statistics.median(each):6.0f})"
                 for each in seconds.values()
@@ -191,7 +206,8 @@ def main() -> None:
                 for name, each in seconds.items()
                 if name != "embedded"
             )
-            print(f"{case.name:20}" + "".join(f"{cell:>24}" for cell in cells) + "   " + ", ".join(ratios), flush=True)
+            row = f"{case.name:20}" + "".join(f"{cell:>24}" for cell in cells) + f"{', '.join(ratios):>17}"
+            print(row + "   " + " against ".join(f"{each:.1f}" for each in cpu_ms), flush=True)
 
 
 if __name__ == "__main__":
