@@ -29,7 +29,7 @@ class Explorer:
         self._map = scenario.task_map(self._task)
         self._table = task_table(scenario, self._task)
         self._env = LandmarksEnv(task=self._task, scenario=scenario)
-        self._evaluation = LandmarksEnv(task=self._task, scenario=scenario)
+        self._evaluation = LandmarksEnv(task=self._task, scenario=scenario, camera=self._env.camera)
         self._starts = self._start_cells()
         self._rng = stream(scenario.seed, "explore", agent)
         self._frame: Frame | None = None

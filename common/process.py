@@ -38,8 +38,10 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
 
 def use_one_thread() -> None:
     """One thread of arithmetic a process: robots share the cores, and results do not depend on their number."""
+    import cv2
     import torch
 
+    cv2.setNumThreads(1)
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
 

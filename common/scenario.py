@@ -55,7 +55,7 @@ class Camera(_Part):
     height: Positive = 480
     range_m: PositiveFloat = 5.0
     pose_jitter_m: float = Field(0.03, ge=0)
-    heading_jitter_deg: float = Field(2.0, ge=0)
+    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
     noise: float = Field(4.0, ge=0, description="standard deviation of the sensor noise, grey levels")
 
 

@@ -1,0 +1,65 @@
+"""A whole robot round over the bus beside the same round over the in-memory bus.
+
+    python -m benchmarks.bus_round [--rounds 12]
+
+Two robots of one task, paper-size network and frames: collect, learn, evaluate, exchange weights, mix. The bus
+side is two robot processes and the embedded broker. The in-memory side is two processes too (threads of one would
+wait for each other's interpreter lock), each with one robot on an in-memory bus: the same work without a network,
+and without a neighbour to wait for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import statistics
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.in_memory import run_in_memory
+from common.process import use_one_thread
+from common.runlog import ROUNDS, RoundRow
+from common.scenario import load_scenario
+from fleet.run import run_deployment
+
+SCENARIO = "scenarios/paper.toml"
+SETTINGS = ['arms=["no_maml"]', "federation.target_reward=1e9"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=12)
+    rounds = parser.parse_args().rounds
+    overrides = [*SETTINGS, f"federation.max_rounds={rounds}", _one_task()]
+    scenario = load_scenario(SCENARIO, overrides)
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["--scenario", str(Path(SCENARIO).resolve()), *(p for each in overrides for p in ("--set", each))]
+        run = run_deployment(scenario, options, "bus", Path(folder), None, Console(quiet=True))
+        lines = (run / ROUNDS).read_text().splitlines()
+    bus_s = _round_s([RoundRow.model_validate_json(line) for line in lines])
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        memory_s = statistics.mean(pool.map(_alone, [overrides] * 2, chunksize=1))
+    print(f"a round: bus {bus_s:.3f} s, in memory {memory_s:.3f} s, ratio {bus_s / memory_s:.3f} (goal: 1.10)")
+
+
+def _alone(overrides: list[str]) -> float:
+    use_one_thread()
+    scenario = load_scenario(SCENARIO, [*overrides, "federation.robots_per_cluster=1"])
+    return _round_s(run_in_memory(scenario).rows)
+
+
+def _one_task() -> str:
+    task = load_scenario(SCENARIO).task(1)
+    drawing = task.map.strip().replace("\n", "\\n")
+    return f'tasks=[{{id = 1, map = "{drawing}"}}]'
+
+
+def _round_s(rows: Sequence[RoundRow]) -> float:
+    return statistics.median(row.seconds for row in rows if row.round > 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""A robot's gradient step beside the same step in a bare PyTorch loop, paper-size network, one thread.
+
+    python -m benchmarks.gradient_step
+
+Both sides: double DQN targets, Huber loss, gradient clipping, fused Adam, target tracking, batch of 32. The
+bare loop has its batches ready as tensors; the robot draws and converts them from replay.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from agents.learner import Learner
+from common.process import use_one_thread
+from common.qnetwork import build_qnetwork, observations, to_weights
+from common.scenario import Learning, Network
+
+STEPS, REPEATS = 10, 7
+
+
+def main() -> None:
+    use_one_thread()
+    network, settings = Network(), Learning()
+    robot, bare = _robot(network, settings), _bare(network, settings)
+    robot(), bare()  # warm-up
+    pairs = [(_seconds(robot), _seconds(bare)) for _ in range(REPEATS)]
+    ours, theirs = (statistics.median(side) / STEPS * 1e3 for side in zip(*pairs, strict=True))
+    ratio = statistics.median(a / b for a, b in pairs)
+    print(f"robot {ours:.1f} ms a step, bare loop {theirs:.1f} ms a step, ratio {ratio:.3f}")
+
+
+def _seconds(body: Callable[[], None]) -> float:
+    begun = time.perf_counter()
+    body()
+    return time.perf_counter() - begun
+
+
+def _robot(network: Network, settings: Learning) -> Callable[[], None]:
+    rng = np.random.default_rng(0)
+    learner = Learner(network, settings, to_weights(build_qnetwork(network, 0)), rng)
+    for index in range(200):
+        frame = rng.integers(0, 256, (network.height, network.width, 4), dtype=np.uint8)
+        learner.replay.observe(frame, first=index == 0)
+        learner.replay.act(int(rng.integers(4)), -1.0, terminated=False)
+
+    def steps() -> None:
+        learner.learn(STEPS)
+
+    return steps
+
+
+def _bare(network: Network, settings: Learning) -> Callable[[], None]:
+    rng = np.random.default_rng(0)
+    online, target = build_qnetwork(network, 0), build_qnetwork(network, 0).requires_grad_(False)
+    parameters, tracked = list(online.parameters()), list(target.parameters())
+    optimizer = torch.optim.Adam(parameters, lr=settings.lr, fused=True)
+    shape = (settings.batch_size, network.height, network.width, 4)
+    batches = [
+        (
+            observations(rng.integers(0, 256, shape, dtype=np.uint8)),
+            torch.from_numpy(rng.integers(4, size=settings.batch_size)),
+            torch.full((settings.batch_size,), -1.0),
+            observations(rng.integers(0, 256, shape, dtype=np.uint8)),
+        )
+        for _ in range(STEPS)
+    ]
+
+    def steps() -> None:
+        for frames, actions, rewards, next_frames in batches:
+            with torch.no_grad():
+                best = online(next_frames).argmax(1, keepdim=True)
+                goal = rewards + settings.discount * target(next_frames).gather(1, best).squeeze(1)
+            q = online(frames).gather(1, actions.unsqueeze(1)).squeeze(1)
+            loss = functional.smooth_l1_loss(q, goal)
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(parameters, settings.grad_clip, foreach=True)
+            optimizer.step()
+            with torch.no_grad():
+                torch._foreach_lerp_(tracked, parameters, settings.target_polyak)
+
+    return steps
+
+
+if __name__ == "__main__":
+    main()
