@@ -119,7 +119,7 @@ class Exchange:
 
     def publish_weights(self, weights: Weights, header: ModelHeader) -> bytes:
         """Send this round's weights to the neighbours; kept for a round in case they ask again."""
-        payload = encode_model(weights, header)
+        payload = encode_model(weights, header, len(self._here.cluster))
         self._sent = {header.round: payload, **{r: p for r, p in self._sent.items() if r == header.round - 1}}
         self._publish_round(header.round)
         return payload

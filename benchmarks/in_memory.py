@@ -41,6 +41,7 @@ def run_in_memory(scenario: Scenario, run: str = "memory") -> Outcome:
         bus = outcome.hub.connect(client)
 
         def guarded() -> None:
+            use_one_thread()  # a setting of each thread: without it sums are cut up otherwise than in a robot's process
             try:
                 body(bus)
             except BaseException as error:

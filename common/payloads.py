@@ -86,9 +86,12 @@ class RoundRequest(_Header):
 HeaderT = TypeVar("HeaderT", bound=_Header)
 
 
-def encode_model(weights: Weights, header: ModelHeader) -> bytes:
-    """A model as a safetensors file; float32 little-endian tensors in the order given."""
-    return _encode(weights, header, 320 + 48 * len(header.rewards))
+def encode_model(weights: Weights, header: ModelHeader, robots: int = 0) -> bytes:
+    """A model as a safetensors file; float32 little-endian tensors in the order given.
+
+    The file is as long as with the rewards of `robots` robots, however many are known yet.
+    """
+    return _encode(weights, header, 320 + 48 * max(robots, len(header.rewards)))
 
 
 def decode_model(payload: Payload, shapes: Shapes) -> tuple[dict[str, npt.NDArray[np.float32]], ModelHeader]:

@@ -1,16 +1,14 @@
-"""For all tests: arithmetic as in the processes of a run, on one thread and with denormals flushed.
+"""For all tests: arithmetic on one thread, as in the processes of a run.
 
-Results in this process are then those of a run's processes to the bit, and small tensors are not slowed down by a
-pool of threads that wait for each other.
+Small tensors are slowed down tenfold by a pool of threads that wait for each other and for the cores.
 """
 
 from __future__ import annotations
 
 import pytest
-
-from common.process import use_one_thread
+import torch
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> None:
-    use_one_thread()
+    torch.set_num_threads(1)

@@ -132,6 +132,12 @@ def test_a_robots_payload_has_one_size_whatever_round_and_rewards(
     assert len(encode_model(WEIGHTS, header)) == len(encode_model(WEIGHTS, HEADER))
 
 
+def test_a_payload_of_the_first_round_is_as_long_as_one_that_knows_the_whole_cluster() -> None:
+    alone = HEADER.model_copy(update={"rewards": {3: (1, 40.0)}})
+    assert len(encode_model(WEIGHTS, alone, robots=2)) == len(encode_model(WEIGHTS, HEADER))
+    assert len(encode_model(WEIGHTS, alone)) < len(encode_model(WEIGHTS, HEADER))
+
+
 @given(st.integers(1, 10**6), st.integers(0, 10**6), finite, st.booleans())
 def test_every_motion_has_one_size(round_: int, motion: int, reward: float, terminated: bool) -> None:
     header = MOTION.model_copy(
