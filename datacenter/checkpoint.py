@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -72,6 +73,8 @@ class Checkpoint:
         if self._folder is not None:
             for path in self._folder.glob("*.safetensors"):
                 path.unlink()
+            with contextlib.suppress(OSError):  # somebody else's files may be in it
+                self._folder.rmdir()
 
     def _experience(self, round_: int) -> Iterable[tuple[int, list[Motion]]]:
         assert self._folder is not None
