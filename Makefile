@@ -1,6 +1,6 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=scenarios/toy.toml ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
-# make wheels the folder of wheels that the container image takes PyTorch from
+# make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
 #
 # TORCH_INDEX  options for pip when it fetches PyTorch. On Linux pip's usual index holds the CUDA build, several
@@ -45,7 +45,7 @@ $(VENV)/installed: pyproject.toml
 	@echo "Set-up done"
 
 wheels: setup
-	$(BIN)/python -m pip download --no-deps --dest wheels $(TORCH_INDEX) "$(TORCH)"
+	$(BIN)/python -m pip download --no-deps --only-binary=:all: --python-version 3.11 --dest wheels $(TORCH_INDEX) "$(TORCH)"
 
 clean:
 	rm -rf $(VENV) wheels *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
