@@ -49,7 +49,9 @@ def main() -> None:
         robots = [psutil.Process(pid) for name, pid in launcher.pids.items() if name != "broker"]
         shares = sorted(robot.memory_full_info().pss / 1e6 for robot in robots)
         own = sorted(robot.memory_full_info().uss / 1e6 for robot in robots)
-        print(f"a robot before replay: PSS {shares[0]:.0f} to {shares[-1]:.0f} MB, USS {own[0]:.0f} to {own[-1]:.0f} MB")
+        print(
+            f"a robot before replay: PSS {shares[0]:.0f} to {shares[-1]:.0f} MB, USS {own[0]:.0f} to {own[-1]:.0f} MB"
+        )
 
         launcher.start("datacenter", "datacenter", options)
         peak = 0.0
