@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from common.qnetwork import observations
 from common.replay import Batch
 
 Params = dict[str, Tensor]
+
+_TINY = 1e-6  # as torch.nn.utils.clip_grad_norm_
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,26 @@ def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool
     return loss
 
 
-def adapt(params: Params, support: Sequence[TensorBatch], loss: Loss, inner_lr: float) -> Params:
-    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`."""
+def adapt(
+    params: Params, support: Sequence[TensorBatch], loss: Loss, inner_lr: float, clip: float = math.inf
+) -> Params:
+    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`.
+
+    Gradients longer than `clip` (2-norm over all parameters) are shortened to it, as the robots' are.
+    """
     for batch in support:
-        gradient = grad(loss)(params, batch)
+        gradient = clipped(grad(loss)(params, batch), clip)
         params = {name: value - inner_lr * gradient[name] for name, value in params.items()}
     return params
+
+
+def clipped(gradient: Params, norm: float) -> Params:
+    """A gradient no longer than `norm` (2-norm over all parameters); differentiable."""
+    if math.isinf(norm):
+        return gradient
+    length = torch.stack([(value**2).sum() for value in gradient.values()]).sum().sqrt()
+    scale = (norm / (length + _TINY)).clamp(max=1.0)
+    return {name: value * scale for name, value in gradient.items()}
 
 
 def query_loss(params: Params, query: Sequence[TensorBatch], loss: Loss) -> Tensor:
@@ -74,6 +91,7 @@ def meta_gradient(
     inner_lr: float,
     *,
     exact: bool,
+    clip: float = math.inf,
 ) -> tuple[Params, Params]:
     """One task's gradient of eq. (4), and the adapted parameters phi.
 
@@ -81,11 +99,11 @@ def meta_gradient(
     taken as the identity and the gradient is the one at phi.
     """
     if not exact:
-        adapted = adapt(params, support, loss, inner_lr)
+        adapted = adapt(params, support, loss, inner_lr, clip)
         return grad(query_loss)(adapted, query, loss), adapted
 
     def through(start: Params) -> tuple[Tensor, Params]:
-        adapted = adapt(start, support, loss, inner_lr)
+        adapted = adapt(start, support, loss, inner_lr, clip)
         return query_loss(adapted, query, loss), adapted
 
     gradient, adapted = grad(through, has_aux=True)(params)

@@ -73,7 +73,13 @@ class MetaLearner:
                 double=self._scenario.learning.double,
             )
             gradient, adapted = meta_gradient(
-                params, support, query, loss, self._settings.inner_lr, exact=self._settings.order == "exact"
+                params,
+                support,
+                query,
+                loss,
+                self._settings.inner_lr,
+                exact=self._settings.order == "exact",
+                clip=self._scenario.learning.grad_clip,
             )
             torch._foreach_add_(total, list(gradient.values()))
             self._track(task, adapted)

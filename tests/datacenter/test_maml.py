@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from common.replay import Batch
-from datacenter.maml import Params, TensorBatch, adapt, make_loss, meta_gradient, query_loss, to_tensors
+from datacenter.maml import Params, TensorBatch, adapt, clipped, make_loss, meta_gradient, query_loss, to_tensors
 
 
 def goal(value: float) -> TensorBatch:
@@ -158,3 +158,11 @@ def test_a_replayed_batch_becomes_observations() -> None:
     assert tensors.actions.tolist() == [1, 2]
     assert tensors.rewards.tolist() == [0.5, 1.5]
     assert tensors.terminated.tolist() == [0.0, 1.0]
+
+
+def test_a_long_gradient_is_shortened_and_a_short_one_is_not() -> None:
+    gradient = {"a": torch.tensor([3.0, 0.0]), "b": torch.tensor([4.0])}  # 2-norm 5
+    shortened = clipped(gradient, 1.0)
+    assert torch.allclose(shortened["a"], torch.tensor([0.6, 0.0]))
+    assert torch.allclose(shortened["b"], torch.tensor([0.8]))
+    assert torch.allclose(clipped(gradient, 6.0)["b"], torch.tensor([4.0]))
