@@ -1,0 +1,273 @@
+"""Real processes on this machine: `jouleswarm run`, and brokers, robots, data center and recorder started by hand."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from common.mqtt import MqttBus
+
+ROOT = Path(__file__).parents[2]
+TOY = ROOT / "scenarios" / "toy.toml"
+DEADLINE_S = 90.0
+# No robot can reach a target of 1000: every arm lasts its 3 rounds.
+SMALL = (
+    "federation.max_rounds=3", "federation.target_reward=1000", "meta.t0=2",
+    "learning.motions_per_round=6", "learning.batches_per_round=4",
+)  # fmt: skip
+
+
+def sets(*overrides: str) -> list[str]:
+    return [part for each in overrides for part in ("--set", each)]
+
+
+def free_port() -> int:
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], bool], what: str, within_s: float = DEADLINE_S) -> None:
+    """For what happens in another process and makes no event here."""
+    deadline_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < deadline_s, f"not within {within_s} s: {what}"
+        time.sleep(0.02)
+
+
+@dataclass
+class Started:
+    """A process and all that it prints."""
+
+    process: subprocess.Popen[str]
+    output: Path
+
+    @property
+    def printed(self) -> str:
+        return self.output.read_text()
+
+    def ends(self, within_s: float = DEADLINE_S) -> int:
+        """Exit code."""
+        try:
+            return self.process.wait(within_s)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"{self.process.args} has not ended; it printed:\n{self.printed}")
+
+    @property
+    def family(self) -> list[psutil.Process]:
+        """The process and all its children, however deep."""
+        root = psutil.Process(self.process.pid)
+        return [root, *root.children(recursive=True)]
+
+
+@dataclass
+class Starter:
+    """Starts processes; whatever still runs at the end is ended."""
+
+    folder: Path
+    started: list[Started] = field(default_factory=list)
+
+    def __call__(self, *command: str, **environment: str) -> Started:
+        output = self.folder / f"output-{len(self.started)}.txt"
+        with output.open("w") as file:
+            process = subprocess.Popen(
+                command, cwd=ROOT, stdout=file, stderr=subprocess.STDOUT, text=True,
+                env={**os.environ, "COLUMNS": "100", **environment}, start_new_session=True,
+            )  # fmt: skip
+        self.started.append(Started(process, output))
+        return self.started[-1]
+
+    def python(self, *arguments: str, **environment: str) -> Started:
+        return self(sys.executable, "-m", *arguments, **environment)
+
+    def jouleswarm(self, *arguments: str, **environment: str) -> Started:
+        return self.python("fleet", *arguments, **environment)
+
+    def end(self) -> None:
+        for each in self.started:
+            if each.process.poll() is None:
+                for process in each.family:
+                    with contextlib.suppress(psutil.NoSuchProcess):
+                        process.kill()
+                each.process.wait(10)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Starter]:
+    starter = Starter(tmp_path)
+    yield starter
+    starter.end()
+
+
+@dataclass
+class Run:
+    """A finished run directory."""
+
+    path: Path
+    printed: str
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return dict(json.loads((self.path / "summary.json").read_text()))
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        return dict(json.loads((self.path / "manifest.json").read_text()))
+
+    def lines(self, name: str) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in (self.path / name).read_text().splitlines()]
+
+    @property
+    def figures(self) -> list[dict[str, Any]]:
+        """rounds.jsonl but seconds."""
+        return [{key: value for key, value in row.items() if key != "seconds"} for row in self.lines("rounds.jsonl")]
+
+    @property
+    def weights(self) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (self.path / "weights").iterdir()}
+
+
+RunToy = Callable[..., Run]
+
+
+@pytest.fixture
+def read_run() -> Callable[..., Run]:
+    return lambda path, printed="": Run(path, printed)
+
+
+@pytest.fixture(scope="session")
+def run_toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunToy]:
+    """Runs `jouleswarm run scenarios/toy.toml` to its end."""
+    out = tmp_path_factory.mktemp("runs")
+    starter = Starter(out)
+
+    def run(name: str, *overrides: str, options: tuple[str, ...] = ("--no-figures",)) -> Run:
+        started = starter.jouleswarm("run", str(TOY), "--out", str(out), "--run-id", name, *options, *sets(*overrides))
+        assert started.ends() == 0, started.printed
+        return Run(out / name, started.printed)
+
+    yield run
+    starter.end()
+
+
+@pytest.fixture(scope="session")
+def toy_run(run_toy: RunToy) -> Run:
+    """The whole toy scenario, both arms, as a user would run it."""
+    return run_toy("toy", options=())
+
+
+@pytest.fixture(scope="session")
+def small() -> tuple[str, ...]:
+    """What makes the toy scenario smaller still."""
+    return SMALL
+
+
+@pytest.fixture(scope="session")
+def small_run(run_toy: RunToy) -> Run:
+    """Three rounds an arm, embedded broker, QoS 1: what runs by other ways are held against."""
+    return run_toy("small", *SMALL)
+
+
+@pytest.fixture
+def broker(start: Starter) -> str:
+    """A broker started by hand; returns its URL."""
+    port = free_port()
+    start.python("broker", "--port", str(port), "--no-metrics")
+    return listening(port)
+
+
+def listening(port: int) -> str:
+    def answers() -> bool:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+            return True
+        return False
+
+    wait_until(answers, f"a broker on port {port}", 20)
+    return f"mqtt://127.0.0.1:{port}"
+
+
+@pytest.fixture
+def mosquitto(start: Starter, tmp_path: Path) -> str:
+    """A Mosquitto broker; returns its URL."""
+    program = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
+    if program is None:
+        pytest.skip("mosquitto is not installed")
+    port, settings = free_port(), tmp_path / "mosquitto.conf"
+    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
+    start(program, "-c", str(settings))
+    return listening(port)
+
+
+@pytest.fixture
+def onlooker() -> Iterator[Callable[..., MqttBus]]:
+    """Connects clients that are no part of a run."""
+    buses: list[MqttBus] = []
+
+    def connect(url: str, *filters: str) -> MqttBus:
+        buses.append(MqttBus.connect(url, f"onlooker-{len(buses)}", connect_timeout_s=20))
+        if filters:
+            buses[-1].subscribe(*filters)
+        return buses[-1]
+
+    yield connect
+    for bus in buses:
+        with contextlib.suppress(Exception):
+            bus.close()
+
+
+@dataclass
+class ByHand:
+    """The processes of a small run, started one by one."""
+
+    start: Starter
+    url: str
+    out: Path
+    name: str = "by-hand"
+    overrides: tuple[str, ...] = SMALL
+
+    @property
+    def _common(self) -> list[str]:
+        return ["--scenario", str(TOY), "--broker", self.url, "--run", self.name, *sets(*self.overrides)]
+
+    def recorder(self) -> Started:
+        """Returns when it listens."""
+        started = self.start.jouleswarm(
+            "record", str(TOY), "--broker", self.url, "--run-id", self.name, "--out", str(self.out), "--no-figures",
+            *sets(*self.overrides),
+        )  # fmt: skip
+        wait_until((self.out / self.name / "manifest.json").exists, "the recorder to listen")
+        return started
+
+    def robot(self, agent: int, *options: str) -> Started:
+        return self.start.python("agents", "--id", str(agent), *self._common, *options)
+
+    def data_center(self, *options: str) -> Started:
+        return self.start.python("datacenter", *self._common, *options)
+
+    def run(self, recorder: Started) -> Run:
+        """The run directory, once the recorder has ended well."""
+        assert recorder.ends() == 0, recorder.printed
+        return Run(self.out / self.name, recorder.printed)
+
+
+@pytest.fixture
+def by_hand(start: Starter, tmp_path: Path) -> Callable[..., ByHand]:
+    return lambda url, **options: ByHand(start, url, tmp_path / "out", **options)
+
+
+@pytest.fixture
+def eventually() -> Callable[..., None]:
+    return wait_until

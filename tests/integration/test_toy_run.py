@@ -1,0 +1,157 @@
+"""The whole path as a user takes it: `jouleswarm run scenarios/toy.toml`, and what it leaves behind."""
+
+import itertools
+import re
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+import safetensors
+
+from common.meter import MeterRow
+from common.qnetwork import build_qnetwork, shapes_of
+from common.runlog import RoundRow
+from common.scenario import scenario_from
+
+ARMS = ("maml", "no_maml")
+LINKS = {"uplink", "downlink", "sidelink", "control"}
+PARTS = {"ml_learning", "ml_communication", "fl_learning", "fl_communication", "total"}
+
+
+def test_the_bill_and_the_run_directory_are_printed(toy_run: Any) -> None:
+    assert "Energy with MAML" in toy_run.printed
+    assert "Energy without MAML" in toy_run.printed
+    assert "Bytes delivered by link class" in toy_run.printed
+    assert str(toy_run.path.name) in toy_run.printed.splitlines()[-1]
+
+
+def test_the_manifest_says_what_was_run_where(toy_run: Any) -> None:
+    manifest = toy_run.manifest
+    assert (manifest["schema"], manifest["run"], manifest["seed"]) == (1, "toy", 1)
+    scenario = scenario_from(manifest["scenario"], "manifest")
+    assert (scenario.name, len(scenario.agents), scenario.meta.t0) == ("toy", 4, 3)
+    assert {"python", "jouleswarm", "torch", "amqtt", "paho-mqtt"} <= set(manifest["versions"])
+    assert {"system", "machine", "cores"} <= set(manifest["host"])
+    assert manifest["broker"]["embedded"] is True
+
+
+def test_there_is_one_row_a_robot_and_round(toy_run: Any) -> None:
+    rows = [RoundRow.model_validate(row) for row in toy_run.lines("rounds.jsonl")]
+    assert [row.sort_key() for row in rows] == sorted({row.sort_key() for row in rows})
+    center = [row for row in rows if row.agent == 0]
+    assert [(row.phase, row.task, row.round) for row in center] == [("maml", 1, 1), ("maml", 1, 2), ("maml", 1, 3)]
+    for arm in ARMS:
+        last: dict[int, set[int]] = {}
+        for agent, task in ((1, 1), (2, 1), (3, 2), (4, 2)):
+            mine = [row for row in rows if (row.phase, row.arm, row.agent) == ("fl", arm, agent)]
+            assert {row.task for row in mine} == {task}
+            assert [row.round for row in mine] == list(range(1, len(mine) + 1))
+            assert [row.learned is None for row in mine] == [True] * (len(mine) - 1) + [False]
+            assert all(row.reward is not None and row.rmse_m is not None and row.gradients == 10 for row in mine)
+            last.setdefault(task, set()).add(len(mine))
+        assert all(len(rounds) == 1 for rounds in last.values())  # a cluster ends in one round
+
+
+def test_meter_rows_are_final_and_each_there_once(toy_run: Any) -> None:
+    rows = [MeterRow.model_validate(row) for row in toy_run.lines("meter.jsonl")]
+    keys = Counter((row.side, row.topic, row.client, row.direction) for row in rows)
+    assert set(keys.values()) == {1}
+    assert {row.side for row in rows} == {"broker", "client"}
+    assert {row.arm for row in rows} == {"maml", "no_maml", "all"}
+    assert {row.client for row in rows} == {"datacenter", "recorder", "agent-1", "agent-2", "agent-3", "agent-4"}
+    assert all(row.packet_bytes > row.payload_bytes for row in rows)
+    assert all(row.topic.startswith("jouleswarm/toy/") for row in rows)
+
+
+def test_the_summary_holds_rounds_joules_and_bytes_of_each_arm(toy_run: Any) -> None:
+    summary = toy_run.summary
+    assert (summary["seed"], summary["t0"]) == (1, 3)
+    assert (summary["status"], summary["metered_by"]) == ("complete", "broker")
+    assert set(summary["arms"]) == set(ARMS)
+    for arm in ARMS:
+        part = summary["arms"][arm]
+        assert [set(task) for task in part["tasks"]] == [{"task", "rounds", "reward", "rmse_m", "learned"}] * 2
+        assert [task["task"] for task in part["tasks"]] == [1, 2]
+        assert set(part["energy_j"]) == {"literal", "published"}
+        assert all(set(part["energy_j"][prices]) == PARTS for prices in ("literal", "published"))
+        assert set(part["bytes"]) == LINKS
+        assert all(set(part["bytes"][link]) == {"messages", "payload", "packet"} for link in LINKS)
+
+
+def test_the_summarys_rounds_are_those_of_the_rows(toy_run: Any) -> None:
+    rows = toy_run.lines("rounds.jsonl")
+    for arm in ARMS:
+        for task in toy_run.summary["arms"][arm]["tasks"]:
+            mine = [row for row in rows if (row["phase"], row["arm"], row["task"]) == ("fl", arm, task["task"])]
+            assert task["rounds"] == max(row["round"] for row in mine)
+            (reward,) = {row["cluster_reward"] for row in mine if row["round"] == task["rounds"]}
+            assert task["reward"] == pytest.approx(reward)
+            assert task["learned"] == (reward >= 50)
+
+
+def test_the_literal_bill_follows_from_rounds_and_bytes_by_hand(toy_run: Any) -> None:
+    summary = toy_run.summary
+    for arm in ARMS:
+        part = summary["arms"][arm]
+        rounds = sum(task["rounds"] for task in part["tasks"])
+        moved = part["bytes"]
+        bill = part["energy_j"]["literal"]
+        # 2 robots a task, 10 gradients a round, 5.1 W x 0.4 s each
+        assert bill["fl_learning"] == pytest.approx(rounds * 2 * 10 * 5.1 * 0.4)
+        assert bill["fl_communication"] == pytest.approx(moved["sidelink"]["payload"] * 8 / 500e3)
+        # t0 = 3, one training robot's 4 + 4 gradients: 1.67 x 590 W x 0.02 s each; downlink at the uplink's price
+        assert bill["ml_learning"] == pytest.approx(3 * 8 * 1.67 * 590 * 0.02 if arm == "maml" else 0)
+        up_and_down = moved["uplink"]["payload"] + moved["downlink"]["payload"]
+        assert bill["ml_communication"] == pytest.approx(up_and_down * 8 / 200e3)
+        assert bill["total"] == pytest.approx(sum(bill[name] for name in PARTS - {"total"}))
+
+
+def test_payload_messages_are_rounds_times_directed_links(toy_run: Any) -> None:
+    arms = toy_run.summary["arms"]
+    for arm in ARMS:
+        rounds = sum(task["rounds"] for task in arms[arm]["tasks"])
+        assert arms[arm]["bytes"]["sidelink"]["messages"] == 2 * rounds
+    assert arms["maml"]["bytes"]["uplink"]["messages"] == 3 * 10  # t0 x motions
+    assert arms["maml"]["bytes"]["downlink"]["messages"] == 4  # robots
+    assert arms["no_maml"]["bytes"]["uplink"]["messages"] == arms["no_maml"]["bytes"]["downlink"]["messages"] == 0
+
+
+def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_library(toy_run: Any) -> None:
+    files = {path.stem for path in (toy_run.path / "weights").iterdir()}
+    assert files == {f"{arm}-task{task}" for arm in ARMS for task in (1, 2)} | {"meta-t0003"}
+    scenario = scenario_from(toy_run.manifest["scenario"], "manifest")
+    shapes = shapes_of(build_qnetwork(scenario.network))
+    for name in files:
+        with safetensors.safe_open(toy_run.path / "weights" / f"{name}.safetensors", framework="np") as file:
+            assert {key: file.get_tensor(key).shape for key in file.keys()} == shapes  # noqa: SIM118
+            assert all(np.isfinite(file.get_tensor(key)).all() for key in file.keys())  # noqa: SIM118
+            metadata = file.metadata()
+        assert metadata["task"] == (name[-1] if "task" in name else "0")
+
+
+def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> None:
+    drawn = {path.name for path in (toy_run.path / "figures").iterdir()}
+    assert drawn == {f"{name}.{kind}" for name in ("energy", "rounds", "rewards", "bytes") for kind in ("png", "svg")}
+    html = (toy_run.path / "report.html").read_text()
+    assert "Energy with MAML" in html
+    assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
+
+
+def test_progress_only_grows(toy_run: Any) -> None:
+    rows = toy_run.lines("progress.jsonl")
+    assert rows
+    for before, after in itertools.pairwise(rows):
+        assert after["time_s"] > before["time_s"]
+        assert all(after["bytes"][link] >= before["bytes"][link] for link in LINKS)
+
+
+def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: Any) -> None:
+    def content() -> dict[str, bytes]:
+        return {str(path): path.read_bytes() for path in toy_run.path.rglob("*") if path.is_file()}
+
+    before = content()
+    report = start.jouleswarm("report", str(toy_run.path), "--ul", "500", "--sl", "200")
+    assert report.ends() == 0, report.printed
+    assert "Energy with MAML" in report.printed
+    assert content() == before
