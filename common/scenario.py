@@ -114,7 +114,7 @@ class Meta(_Part):
     query_batches: Positive = Field(10, description="B^(b): batches of the meta-update")
     support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")
     batch_size: Positive = 32
-    inner_lr: PositiveFloat = Field(0.05, description="mu")
+    inner_lr: PositiveFloat = Field(1.0, description="mu; gradients are clipped to learning.grad_clip before")
     meta_lr: PositiveFloat = Field(5e-4, description="eta, of Adam")
     target_polyak: float = Field(0.3, gt=0, le=1, description="per-task target network tracking, each round")
     epsilon: Fraction = Field(0.3, description="of the policy that collects: table-greedy with random motions")
