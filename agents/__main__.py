@@ -55,7 +55,7 @@ def main(
                 f"{list(settings.clusters.get(task, ()))}"
             )
         use_one_thread()
-        name = run or settings.name
+        name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))
         bus = MqttBus.connect(
             broker,

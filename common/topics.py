@@ -6,7 +6,10 @@ topic so that per-topic byte counters need no further knowledge to be priced arm
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
+
+from common.errors import ConfigurationError
 
 ROOT = "jouleswarm"
 
@@ -37,6 +40,20 @@ _LINKS = {
     "tlm": Link.CONTROL,
 }
 _PHASES = {Link.UPLINK: "maml", Link.DOWNLINK: "maml", Link.SIDELINK: "fl", Link.CONTROL: "control"}
+
+
+_RUN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+
+
+def run_name(name: str) -> str:
+    """`name`, if it can be a level of a topic and a directory.
+
+    Raises:
+        ConfigurationError: it cannot.
+    """
+    if not _RUN.fullmatch(name):
+        raise ConfigurationError(f"run name {name!r}: expected letters, digits, _ - and ., not beginning with .")
+    return name
 
 
 def experience(run: str, arm: str, task: int, agent: int) -> str:

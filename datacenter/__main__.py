@@ -51,7 +51,7 @@ def main(
         if ARM not in settings.arms:
             raise ConfigurationError(f"scenario {scenario}: arms {settings.arms} need no data center")
         use_one_thread()
-        name = run or settings.name
+        name = topics.run_name(run or settings.name)
         bus = MqttBus.connect(
             broker,
             "datacenter",

@@ -129,13 +129,18 @@ class Recorder:
         elif kind == "learned":
             self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
         elif kind == "snapshot":
-            self._directory.weights(f"meta-t{int(topic.split('/')[4]):04d}", message.payload)
+            self._take_snapshot(topic.split("/")[4], message)
         elif kind == "presence":
             self._take_presence(message)
         else:
             report = decode_json(message.payload, MeterReport, len(message.payload))
             self._reports[report.client] = report.rows
             self._gone.pop(report.client, None)
+
+    def _take_snapshot(self, round_: str, message: Message) -> None:
+        if not round_.isdecimal():
+            raise PayloadError(f"meta-model of round {round_!r}, expected a number")
+        self._directory.weights(f"meta-t{int(round_):04d}", message.payload)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:

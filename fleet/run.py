@@ -13,8 +13,9 @@ from typing import Any, Literal
 
 from rich.console import Console
 
+from common import topics
 from common.errors import JouleSwarmError
-from common.mqtt import MqttBus
+from common.mqtt import MqttBus, parse_url
 from common.runlog import RunDirectory
 from common.scenario import Scenario
 from fleet.launcher import Launcher
@@ -39,7 +40,9 @@ def run_deployment(
     `scenario_options` are the command-line options that make every process load this same scenario. With
     `broker` the processes use that one; else an embedded broker is started.
     """
-    directory = RunDirectory(out / run)
+    if broker is not None:
+        parse_url(broker)  # before anything is written
+    directory = RunDirectory(out / topics.run_name(run))
     with ExitStack() as stack:
         launcher = stack.enter_context(Launcher(directory.path / "logs"))
         url = broker or launcher.start_broker()["url"]
@@ -62,7 +65,8 @@ def record_deployment(
 
     `ready_file` is written once the recorder listens: from then on the processes may be started.
     """
-    directory = RunDirectory(out / run)
+    parse_url(broker)  # before anything is written
+    directory = RunDirectory(out / topics.run_name(run))
     recorder = _recorder(scenario, broker, run, directory)
     directory.manifest(manifest(scenario, run, broker, embedded=False))
     if ready_file is not None:

@@ -3,6 +3,7 @@
 import pytest
 
 from common import topics
+from common.errors import ConfigurationError
 from common.topics import Link
 
 METERED = {
@@ -33,6 +34,17 @@ def test_a_topic_says_its_link_run_arm_and_phase(topic: str) -> None:
 
 def test_all_topics_of_a_run_differ() -> None:
     assert len(METERED) == 12
+
+
+@pytest.mark.parametrize("name", ["toy", "toy-20240501-120000-ab12", "a.b", "_", "7"])
+def test_a_run_name_is_a_level_of_a_topic_and_a_directory(name: str) -> None:
+    assert topics.run_name(name) == name
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "+", "#", "a#", ".", "..", ".hidden", "a b", "é", "a\n", "a\0"])
+def test_other_run_names_are_refused(name: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"run name .*: expected letters"):
+        topics.run_name(name)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,141 @@
+"""The command line: what is said, and with which exit code."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fleet import cli
+
+ROOT = Path(__file__).parents[2]
+TOY = ROOT / "scenarios" / "toy.toml"
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def jouleswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Calls `jouleswarm ...`; returns exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["jouleswarm", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        code = ended.value.code
+        out, err = capsys.readouterr()
+        return (code if isinstance(code, int) else 0), out, err
+
+    return call
+
+
+def toy_with(folder: Path, old: str, new: str) -> Path:
+    text = TOY.read_text()
+    assert old in text
+    path = folder / "changed.toml"
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+REFUSED: dict[str, tuple[Callable[[Path], list[str]], str]] = {
+    "no such file": (lambda _: ["nowhere.toml"], "scenario nowhere.toml: cannot be read (No such file or directory)"),
+    "a folder": (lambda folder: [str(folder)], "cannot be read (Is a directory)"),
+    "not TOML": (lambda folder: [str(toy_with(folder, "[world]", "[world"))], "not valid TOML"),
+    "unknown key": (lambda folder: [str(toy_with(folder, "rows = 4", "lines = 4"))], "world.lines: Extra inputs"),
+    "unknown section": (lambda folder: [str(toy_with(folder, "[world]", "[universe]"))], "universe"),
+    "value out of range": (lambda folder: [str(toy_with(folder, "rows = 4", "rows = 0"))], "world.rows"),
+    "map too small": (lambda folder: [str(toy_with(folder, ". * .\n. X .", ". X ."))], "map has 3 rows, expected 4"),
+    "map without exit": (lambda folder: [str(toy_with(folder, ". X .", ". . ."))], "0 exit landmarks"),
+    "map with a gap": (lambda folder: [str(toy_with(folder, ". * .", ". . ."))], "task 1: map path: from row 1"),
+    "override without =": (lambda _: [str(TOY), "--set", "meta.t0"], "override 'meta.t0': expected section.key=value"),
+    "override of nothing": (lambda _: [str(TOY), "--set", "meta.t9=3"], "meta.t9: Extra inputs"),
+    "override of the wrong type": (lambda _: [str(TOY), "--set", "meta.t0=soon"], "meta.t0: Input should be a valid"),
+    "negative seed": (lambda _: [str(TOY), "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
+    "broker URL": (
+        lambda _: [str(TOY), "--broker", "http://localhost"],
+        "broker URL 'http://localhost': expected mqtt://",
+    ),
+    "broker port": (lambda _: [str(TOY), "--broker", "mqtt://localhost:99999"], "Port out of range"),
+    "run name with a /": (lambda _: [str(TOY), "--run-id", "a/b"], "run name 'a/b': expected letters"),
+    "run name with a +": (lambda _: [str(TOY), "--run-id", "a+b"], "run name 'a+b': expected letters"),
+    "run name with a #": (lambda _: [str(TOY), "--run-id", "#"], "run name '#': expected letters"),
+    "run name that climbs": (lambda _: [str(TOY), "--run-id", ".."], "run name '..': expected letters"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("command", ["run", "record"])
+def test_what_cannot_be_used_is_said_in_one_line_and_nothing_is_written(
+    case: str, command: str, jouleswarm: Call, tmp_path: Path
+) -> None:
+    arguments, said = REFUSED[case]
+    out = tmp_path / "out" / "runs"
+    broker = ["--broker", "mqtt://127.0.0.1:1"] if command == "record" and "broker" not in case else []
+    code, _, err = jouleswarm(command, *arguments(tmp_path), *broker, "--out", str(out))
+    assert code == 2, err
+    (line,) = err.splitlines()
+    assert line.startswith(f"jouleswarm {command}: ")
+    assert said in line
+    assert not out.parent.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["walk"], ["run"], ["run", str(TOY), "--speed", "9"], ["run", str(TOY), "--seed", "one"], ["record", str(TOY)]],
+    ids=" ".join,
+)
+def test_wrong_options_have_exit_code_2(
+    arguments: list[str], jouleswarm: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("JOULESWARM_BROKER", raising=False)
+    code, _, err = jouleswarm(*arguments)
+    assert code == 2
+    assert "Error: " in err
+
+
+@pytest.mark.parametrize("command", ["run", "record", "report", "audit"])
+def test_every_command_explains_itself(command: str, jouleswarm: Call) -> None:
+    code, out, _ = jouleswarm(command, "--help")
+    assert code == 0
+    assert f"Usage: jouleswarm {command}" in out
+
+
+def test_a_password_in_a_url_is_not_repeated(jouleswarm: Call, tmp_path: Path) -> None:
+    _, _, err = jouleswarm("run", str(TOY), "--broker", "amqp://me:secret@host", "--out", str(tmp_path / "out"))
+    assert "secret" not in err
+
+
+def test_a_report_of_what_is_not_there_is_refused(jouleswarm: Call, tmp_path: Path) -> None:
+    code, _, err = jouleswarm("report", str(tmp_path / "nowhere"))
+    assert code == 2
+    (line,) = err.splitlines()
+    assert "nowhere" in line
+
+
+def test_a_report_of_what_is_not_a_run_is_refused(jouleswarm: Call, tmp_path: Path) -> None:
+    code, _, err = jouleswarm("report", str(tmp_path))
+    assert code == 5
+    (line,) = err.splitlines()
+    assert "manifest.json" in line
+
+
+@pytest.mark.parametrize("price", [["--ul", "0"], ["--sl", "-3"], ["--pue", "0.5"], ["--beta", "nan"]], ids=" ".join)
+def test_a_price_that_is_none_is_refused(price: list[str], jouleswarm: Call, write_run: Callable[..., Path]) -> None:
+    code, _, err = jouleswarm("report", str(write_run()), *price)
+    assert code == 2
+    (line,) = err.splitlines()
+    assert f"jouleswarm report: {price[0]} {price[1]}: expected a number" in line
+
+
+def test_a_run_is_priced_again(jouleswarm: Call, write_run: Callable[..., Path]) -> None:
+    path = write_run()
+    before = {each: each.read_bytes() for each in path.rglob("*") if each.is_file()}
+    code, out, _ = jouleswarm("report", str(path), "--ul", "500", "--sl", "200")
+    assert code == 0
+    assert "Energy with MAML" in out
+    assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
+
+
+def test_the_audit_prints_the_papers_figures(jouleswarm: Call) -> None:
+    code, out, _ = jouleswarm("audit")
+    assert code == 0
+    assert "921.5" in out

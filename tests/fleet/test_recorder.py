@@ -1,0 +1,244 @@
+"""The recorder: from what is said on the bus to the run directory, over the in-memory bus."""
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common import topics
+from common.bus import MemoryBus, MemoryHub
+from common.errors import RunError
+from common.meter import Meter
+from common.payloads import Presence, encode_json
+from common.reports import MeterReport, Telemetry
+from common.runlog import RoundRow, RunDirectory
+from common.scenario import Scenario, scenario_from
+from common.snapshot import BrokerSnapshot
+from fleet import recorder as module
+from fleet.recorder import Recorder
+
+RUN = "r"
+DEADLINE_S = 20.0
+CLIENTS = ["agent-1", "agent-2", "datacenter"]
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", 0.05)  # no broker answers unless a test plays one
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return scenario_from(
+        {
+            "name": "t", "seed": 4, "world": {"rows": 3, "cols": 2}, "meta": {"t0": 1, "training_tasks": [1]},
+            "bus": {"connect_timeout_s": 0.05}, "tasks": [{"id": 1, "map": "E . \n * . \n X ."}],
+        },
+        "test",
+    )  # fmt: skip
+
+
+class Table:
+    def __init__(self, scenario: Scenario, path: Path) -> None:
+        self.hub = MemoryHub()
+        self.path = path
+        self.recorder = Recorder(self.hub.connect("recorder"), scenario, RUN, RunDirectory(path))
+        self.others = self.hub.connect("others")
+
+    def row(self, agent: int, round_: int, client: str = "", **fields: Any) -> None:
+        row = RoundRow.model_validate(
+            {"phase": "fl", "arm": "maml", "task": 1, "agent": agent, "round": round_, "seconds": 0.5} | fields
+        )
+        received = {"uplink": 0, "downlink": 10, "sidelink": 100 * round_, "control": 1}
+        telemetry = Telemetry(row=row, received=received)
+        self.others.publish(topics.telemetry(RUN, "maml", client or f"agent-{agent}"), encode_json(telemetry))
+
+    def report(self, client: str, meter: Meter | None = None) -> None:
+        rows = meter.rows() if meter else []
+        self.others.publish(topics.meter_report(RUN, client), encode_json(MeterReport(client=client, rows=rows)))
+
+    def present(self, agent: int, state: str) -> None:
+        presence = Presence.model_validate({"agent": agent, "state": state})
+        self.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
+
+    def pump(self) -> None:
+        self.recorder.pump(0.01)
+
+    def json(self, name: str) -> Any:
+        return json.loads((self.path / name).read_text())
+
+    def lines(self, name: str) -> list[Any]:
+        return [json.loads(line) for line in (self.path / name).read_text().splitlines()]
+
+
+@pytest.fixture
+def table(scenario: Scenario, tmp_path: Path) -> Table:
+    return Table(scenario, tmp_path / "run")
+
+
+def test_it_waits_for_the_counters_of_every_process(table: Table) -> None:
+    assert sorted(table.recorder.waiting_for) == CLIENTS
+    for client in CLIENTS:
+        table.report(client)
+    table.pump()
+    assert table.recorder.waiting_for == []
+
+
+def test_an_arm_without_meta_learning_has_no_data_center_to_wait_for(scenario: Scenario, tmp_path: Path) -> None:
+    table = Table(scenario.model_copy(update={"arms": ("no_maml",)}), tmp_path / "run")
+    assert sorted(table.recorder.waiting_for) == ["agent-1", "agent-2"]
+
+
+def test_rows_are_written_as_they_come_and_the_newest_is_known(table: Table) -> None:
+    for round_ in (1, 2):
+        for agent in (2, 1):
+            table.row(agent, round_)
+    table.pump()
+    assert [(row["agent"], row["round"]) for row in table.lines("rounds.jsonl")] == [(2, 1), (1, 1), (2, 2), (1, 2)]
+    assert table.recorder.newest["maml", 1, 2].round == 2
+    assert [row.agent for row in table.recorder.rows] == [2, 1, 2, 1]
+
+
+def test_bytes_so_far_are_the_newest_of_each_client(table: Table) -> None:
+    table.row(1, 1)
+    table.row(1, 3)
+    table.row(2, 2)
+    table.pump()
+    assert table.recorder.received_bytes == {"uplink": 0, "downlink": 20, "sidelink": 300 + 200, "control": 2}
+
+
+def test_models_are_kept_under_their_names(table: Table) -> None:
+    table.others.publish(topics.learned(RUN, "no_maml", 1), b"learned")
+    table.others.publish(topics.snapshot(RUN, "maml", 42), b"meta")
+    table.pump()
+    kept = {path.name: path.read_bytes() for path in (table.path / "weights").iterdir()}
+    assert kept == {"no_maml-task1.safetensors": b"learned", "meta-t0042.safetensors": b"meta"}
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        topics.telemetry(RUN, "maml", "agent-1"),
+        topics.meter_report(RUN, "agent-1"),
+        topics.presence(RUN, 1, 1),
+        topics.snapshot(RUN, "maml", "latest"),
+        topics.learned(RUN, "maml", ".."),
+        topics.BROKER_METER,
+    ],
+)
+def test_garbage_is_left_out_and_recording_goes_on(table: Table, topic: str) -> None:
+    table.others.publish(topic, b"\xff garbage")
+    table.row(1, 1)
+    table.pump()
+    assert len(table.recorder.rows) == 1
+    assert sorted(table.recorder.waiting_for) == CLIENTS
+    assert [path for path in table.path.parent.rglob("*.safetensors") if path.parent.name != "weights"] == []
+
+
+def test_a_process_that_died_and_does_not_come_back_ends_the_run(table: Table) -> None:
+    table.present(2, "gone")
+    table.pump()
+    table.recorder.check()  # a lost connection may be won back for a while
+    for _ in range(10):  # longer than bus.connect_timeout_s
+        table.pump()
+    with pytest.raises(RunError, match="agent-2 died"):
+        table.recorder.check()
+
+
+@pytest.mark.parametrize("sign", ["presence", "row", "report"])
+def test_a_process_that_comes_back_in_time_is_forgiven(table: Table, sign: str) -> None:
+    table.present(0, "gone")
+    if sign == "presence":
+        table.present(0, "here")
+    elif sign == "row":
+        table.row(0, 1, client="datacenter")
+    else:
+        table.report("datacenter")
+    for _ in range(10):  # longer than bus.connect_timeout_s
+        table.pump()
+        table.recorder.check()
+
+
+def client_counters(client: str, topic: str, direction: Any, payload: int) -> Meter:
+    meter = Meter("client")
+    meter.count(client, topic, direction, payload, payload + 40)
+    return meter
+
+
+WEIGHTS = topics.weights(RUN, "maml", 1, 1)
+
+
+def test_without_an_embedded_broker_the_clients_counters_feed_the_bill(table: Table) -> None:
+    table.row(1, 1)
+    table.row(2, 1)
+    table.report("agent-2", client_counters("agent-2", WEIGHTS, "in", 1000))
+    table.report("agent-1", client_counters("agent-1", WEIGHTS, "out", 1000))
+    table.pump()
+    table.recorder.close("complete")
+    assert {row["side"] for row in table.lines("meter.jsonl")} == {"client"}
+    assert {row["client"] for row in table.lines("meter.jsonl")} == {"agent-1", "agent-2", "recorder"}
+    summary = table.json("summary.json")
+    assert (summary["status"], summary["metered_by"], summary["seed"]) == ("complete", "client", 4)
+    assert summary["arms"]["maml"]["bytes"]["sidelink"] == {"messages": 1, "payload": 1000, "packet": 1040}
+
+
+@pytest.fixture
+def answering() -> Iterator[Any]:
+    """Plays the embedded broker: answers requests for counters with these rows, after some other snapshots."""
+    threads: list[threading.Thread] = []
+
+    def play(bus: MemoryBus, meter: Meter) -> None:
+        bus.subscribe(topics.BROKER_METER_ASK)
+
+        def answer() -> None:
+            message = bus.receive(DEADLINE_S)
+            assert message is not None
+            plain = {"sequence": 1, "clients": 3, "links": {}, "events": {}}
+            asked = bytes(message.payload).decode()
+            for extra in ({}, {"asked": "another", "rows": []}, {"asked": asked, "rows": meter.rows()}):
+                snapshot = BrokerSnapshot.model_validate({**plain, **extra})
+                bus.publish(topics.BROKER_METER, encode_json(snapshot), retain=True)
+
+        threads.append(threading.Thread(target=answer, daemon=True))
+        threads[-1].start()
+
+    yield play
+    for thread in threads:
+        thread.join(DEADLINE_S)
+        assert not thread.is_alive()
+
+
+def test_the_embedded_brokers_counters_of_this_run_feed_the_bill(
+    table: Table, answering: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", DEADLINE_S)
+    meter = Meter("broker")
+    meter.count("agent-2", WEIGHTS, "out", 1000, 1040)
+    meter.count("agent-2", topics.weights("other-run", "maml", 1, 1), "out", 7, 47)
+    answering(table.hub.connect("broker"), meter)
+    table.report("agent-1", client_counters("agent-1", WEIGHTS, "out", 1000))
+    table.pump()
+    table.recorder.close("complete")
+    rows = table.lines("meter.jsonl")
+    assert [row["payload_bytes"] for row in rows if row["side"] == "broker"] == [1000]
+    summary = table.json("summary.json")
+    assert summary["metered_by"] == "broker"
+    assert summary["arms"]["maml"]["bytes"]["sidelink"]["messages"] == 1
+
+
+@pytest.mark.parametrize("status", ["interrupted", "failed"])
+def test_a_run_cut_short_is_summed_up_as_far_as_it_got(table: Table, status: Any) -> None:
+    table.row(1, 1, reward=10.0, cluster_reward=12.0, gradients=20)
+    table.row(2, 1, reward=14.0, cluster_reward=12.0, gradients=20)
+    table.pump()
+    table.recorder.close(status)
+    summary = table.json("summary.json")
+    assert summary["status"] == status
+    assert summary["arms"]["maml"]["tasks"] == [
+        {"task": 1, "rounds": 1, "reward": 12.0, "rmse_m": None, "learned": False}
+    ]
+    # 40 gradients x 5.1 W x 0.4 s
+    assert summary["arms"]["maml"]["energy_j"]["literal"]["fl_learning"] == pytest.approx(81.6)

@@ -1,0 +1,114 @@
+"""The live view: where the clusters stand and what it has cost, as text."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from common import topics
+from common.bus import MemoryHub
+from common.payloads import encode_json
+from common.reports import Telemetry
+from common.runlog import RoundRow, RunDirectory
+from common.scenario import Scenario, scenario_from
+from fleet import view as module
+from fleet.recorder import Recorder
+from fleet.view import View
+
+RUN = "r"
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return scenario_from(
+        {
+            "name": "made-up", "seed": 4, "world": {"rows": 3, "cols": 2}, "meta": {"t0": 5, "training_tasks": [1]},
+            "tasks": [{"id": task, "map": "E . \n * . \n X ."} for task in (1, 2)],
+        },
+        "test",
+    )  # fmt: skip
+
+
+@pytest.fixture
+def recorder(scenario: Scenario, tmp_path: Path) -> Recorder:
+    """After 3 of 5 MAML rounds, cluster 1 learned in round 7, cluster 2 at round 2 (robot 4: 3)."""
+    hub = MemoryHub()
+    recorder = Recorder(hub.connect("recorder"), scenario, RUN, RunDirectory(tmp_path / "run"))
+    robots = hub.connect("robots")
+
+    def say(client: str, received: int, **fields: Any) -> None:
+        row = RoundRow.model_validate({"arm": "maml", "seconds": 0.1, **fields})
+        told = {"uplink": 2 * received, "downlink": 0, "sidelink": received, "control": 10}
+        robots.publish(topics.telemetry(RUN, "maml", client), encode_json(Telemetry(row=row, received=told)))
+
+    say("datacenter", 0, phase="maml", task=1, agent=0, round=3)
+    for agent in (1, 2):
+        say(f"agent-{agent}", 500_000, phase="fl", task=1, agent=agent, round=7, cluster_reward=51.26, learned=True)
+    say("agent-3", 250_000, phase="fl", task=2, agent=3, round=2, cluster_reward=-4.0)
+    say("agent-4", 250_000, phase="fl", task=2, agent=4, round=3, cluster_reward=-4.0)
+    recorder.pump(0.01)
+    return recorder
+
+
+def shown(view: View, width: int = 100) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    console.print(view.render())
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def line_with(text: str, *words: str) -> list[str]:
+    (line,) = (line for line in text.splitlines() if all(word in line for word in words))
+    return line.split()
+
+
+def test_phase_round_and_reward_of_each_cluster_are_shown(scenario: Scenario, recorder: Recorder) -> None:
+    text = shown(View(Console(file=io.StringIO()), scenario, recorder))
+    assert "made-up, seed 4" in text
+    assert "3/5" in line_with(text, "MAML", "all")
+    assert line_with(text, "with MAML", "learned")[-4:] == ["1", "7", "51.3", "learned"]
+    assert line_with(text, "with MAML", "-4.0")[3:6] == ["2", "2", "-4.0"]  # the slower of its two robots
+    assert "without MAML" not in text  # nothing of that arm yet
+
+
+def test_bytes_and_joules_of_each_link_are_shown(scenario: Scenario, recorder: Recorder) -> None:
+    text = shown(View(Console(file=io.StringIO()), scenario, recorder))
+    # uplink 3 MB x 8 / 200 kb/J = 120 J; sidelink 1.5 MB x 8 / 500 kb/J = 24 J
+    assert line_with(text, "uplink") == ["uplink", "3.0", "120"]
+    assert line_with(text, "sidelink") == ["sidelink", "1.5", "24"]
+    assert line_with(text, "control") == ["control", "0.0", "not", "priced"]
+
+
+def test_the_line_for_logs_says_the_same_in_short(scenario: Scenario, recorder: Recorder) -> None:
+    line = View(Console(file=io.StringIO()), scenario, recorder).line()
+    assert "MAML 3/5" in line
+    assert "maml 1:7+(51) 2:2(-4)" in line
+    assert "uplink 3.0 MB sidelink 1.5 MB" in line
+
+
+def test_on_a_pipe_a_line_is_printed_now_and_then(
+    scenario: Scenario, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = io.StringIO()
+    with View(Console(file=output, width=200), scenario, recorder) as view:
+        view.update()
+        assert output.getvalue() == ""  # not at once
+        monkeypatch.setattr(module, "_LINE_EVERY_S", 0.0)
+        view.update()
+    assert len(output.getvalue().splitlines()) == 1
+
+
+def test_on_a_terminal_the_view_is_live_and_gone_at_the_end(scenario: Scenario, recorder: Recorder) -> None:
+    output = io.StringIO()
+    with View(Console(file=output, width=100, force_terminal=True), scenario, recorder) as view:
+        view.update()
+    assert "51.3" in output.getvalue()
+    assert output.getvalue().endswith("\x1b[2K")  # its last lines are erased
+
+
+def test_an_empty_recorder_is_shown_too(scenario: Scenario, tmp_path: Path) -> None:
+    recorder = Recorder(MemoryHub().connect("recorder"), scenario, RUN, RunDirectory(tmp_path / "run"))
+    view = View(Console(file=io.StringIO()), scenario, recorder)
+    assert "0/5" in shown(view)
+    assert "MAML 0/5" in view.line()
