@@ -45,7 +45,7 @@ def run_deployment(
     directory = RunDirectory(out / topics.run_name(run))
     with ExitStack() as stack:
         launcher = stack.enter_context(Launcher(directory.path / "logs"))
-        url = broker or launcher.start_broker()["url"]
+        url = broker or _embedded_broker(launcher, console)
         directory.manifest(manifest(scenario, run, url, embedded=broker is None))
         recorder = _recorder(scenario, url, run, directory)
         common = ["--broker", url, "--run", run, *scenario_options]
@@ -90,6 +90,12 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "broker": {"embedded": embedded, "url": url},
     }
+
+
+def _embedded_broker(launcher: Launcher, console: Console) -> str:
+    ready = launcher.start_broker()
+    console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
+    return ready["url"]
 
 
 def _recorder(scenario: Scenario, url: str, run: str, directory: RunDirectory) -> Recorder:
