@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -15,21 +15,14 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions
 @app.command()
 def main(
     id: Annotated[int, typer.Option(envvar="JOULESWARM_ID", help="Which robot of the scenario this is, from 1.")],
-    scenario: Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")],
-    broker: Annotated[
-        str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is.")
-    ] = "mqtt://127.0.0.1:1883",
+    scenario: ScenarioOption,
+    broker: BrokerOption = DEFAULT_BROKER,
     task: Annotated[
         int | None, typer.Option(envvar="JOULESWARM_TASK", help="Its task; checked against the scenario.")
     ] = None,
-    run: Annotated[
-        str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run on the bus. Default: the scenario's.")
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
-    ] = None,
-    verbose: Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")] = True,
+    run: RunOption = None,
+    set_: SetOption = None,
+    verbose: VerboseOption = True,
 ) -> None:
     """Start one robot: it joins its cluster over the broker, learns its task with its neighbours, and ends.
 

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from agents.scene import Scene, build_scene, cast
 from common.maps import Cell
-from common.scenario import Camera as CameraSettings
-from common.scenario import Scenario, World
+from common.scenario import Scenario
+from common.settings import Camera as CameraSettings
+from common.settings import World
 
 Frame = npt.NDArray[np.uint8]
 

@@ -13,8 +13,8 @@ from common.dqn import polyak_update, td_loss, td_target
 from common.errors import TrainingError
 from common.qnetwork import build_qnetwork, load_weights, observations, to_weights
 from common.replay import Batch, Replay
-from common.scenario import Learning as LearningSettings
-from common.scenario import Network
+from common.settings import Learning as LearningSettings
+from common.settings import Network
 
 Weights = dict[str, npt.NDArray[np.float32]]
 

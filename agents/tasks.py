@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from common.errors import ConfigurationError
 from common.maps import Cell, TaskMap, neighbouring_cells
-from common.scenario import Scenario, World
+from common.scenario import Scenario
+from common.settings import World
 
 FORWARD, BACKWARD, LEFT, RIGHT = ACTIONS = range(4)  # row + 1, row - 1, column - 1, column + 1
 _SETTLED = 1e-9

@@ -20,7 +20,7 @@ from torch.nn import functional
 from agents.learner import Learner
 from common.process import use_one_thread
 from common.qnetwork import build_qnetwork, observations, to_weights
-from common.scenario import Learning, Network
+from common.settings import Learning, Network
 
 STEPS, REPEATS = 10, 7
 

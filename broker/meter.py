@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from common.meter import Direction, MeterRow, packet_bytes
 from common.mqtt_client import name_of
-from common.topics import Link, arm_of, link_of, phase_of, run_of
+from common.topics import Link, arm_of, link_of, run_of
 
 
 class LinkKey(NamedTuple):
@@ -72,7 +72,7 @@ class BrokerMeter:
         """One cumulative row for each client, topic and direction, in a stable order."""
         with self._lock:
             items = sorted((key, tuple(counts)) for key, counts in self._rows.items())
-        return [_row(key, *counts) for key, counts in items]
+        return [MeterRow.of("broker", key.client, key.topic, key.direction, counts) for key, counts in items]
 
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""
@@ -106,23 +106,6 @@ class BrokerMeter:
             )
         self._counters[client_id, topic, direction] = counters
         return counters
-
-
-def _row(key: RowKey, messages: int, payload_bytes: int, size: int) -> MeterRow:
-    link = link_of(key.topic)
-    assert link is not None  # held by _new_counters
-    return MeterRow(
-        side="broker",
-        arm=arm_of(key.topic),
-        phase=phase_of(key.topic),
-        topic=key.topic,
-        link=link,
-        client=key.client,
-        direction=key.direction,
-        messages=messages,
-        payload_bytes=payload_bytes,
-        packet_bytes=size,
-    )
 
 
 def by_link(totals: Iterable[tuple[LinkKey, tuple[int, int, int]]]) -> dict[Link, dict[str, dict[str, int]]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 
-from common.scenario import Energy, Federation
+from common.settings import Energy, Federation
 
 BITS_PER_BYTE = 8
 

@@ -6,8 +6,8 @@ MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -32,6 +32,24 @@ class MeterRow(BaseModel):
     messages: int
     payload_bytes: int
     packet_bytes: int
+
+    @classmethod
+    def of(cls, side: Side, client: str, topic: str, direction: Direction, counts: Sequence[int]) -> Self:
+        """The row of a metered topic; `counts` are messages, payload bytes and packet bytes."""
+        link = link_of(topic)
+        assert link is not None  # nothing else is ever counted
+        return cls(
+            side=side,
+            arm=arm_of(topic),
+            phase=phase_of(topic),
+            topic=topic,
+            link=link,
+            client=client,
+            direction=direction,
+            messages=counts[0],
+            payload_bytes=counts[1],
+            packet_bytes=counts[2],
+        )
 
 
 class _Key(NamedTuple):
@@ -62,7 +80,7 @@ class Meter:
         """The counters as rows, in a stable order."""
         with self._lock:
             items = sorted((key, tuple(value)) for key, value in self._counts.items())
-        return [self._row(key, *value) for key, value in items]
+        return [MeterRow.of(self._side, key.client, key.topic, key.direction, counts) for key, counts in items]
 
     def totals(self, direction: Direction) -> dict[str, int]:
         """Payload bytes so far in one direction, by link class."""
@@ -72,22 +90,6 @@ class Meter:
                 if key.direction == direction:
                     totals[str(link_of(key.topic))] += payload_bytes
         return totals
-
-    def _row(self, key: _Key, messages: int, payload_bytes: int, packet_bytes: int) -> MeterRow:
-        link = link_of(key.topic)
-        assert link is not None  # held by count()
-        return MeterRow(
-            side=self._side,
-            arm=arm_of(key.topic),
-            phase=phase_of(key.topic),
-            topic=key.topic,
-            link=link,
-            client=key.client,
-            direction=key.direction,
-            messages=messages,
-            payload_bytes=payload_bytes,
-            packet_bytes=packet_bytes,
-        )
 
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from common.errors import ConfigurationError
-from common.scenario import Network
+from common.settings import Network
 
 CHANNELS = 4  # red, green, blue, depth
 ACTIONS = 4  # forward, backward, left, right

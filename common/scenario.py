@@ -7,145 +7,16 @@ import tomllib
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from common.errors import ConfigurationError
 from common.maps import TaskMap, parse_map
-
-Positive = Annotated[int, Field(ge=1)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-PositiveFloat = Annotated[float, Field(gt=0)]
+from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Network, Section, Task, World
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class World(_Part):
-    """The landmark grid and how a map becomes a position-reward table."""
-
-    rows: Positive = 8
-    cols: Positive = 5
-    cell_m: PositiveFloat = Field(1.0, description="distance between landmarks, metres")
-    exit_reward: float = 80.0
-    path_reward: float = Field(-0.5, description="reward on the path next to the exit")
-    path_slope: float = Field(2.5, ge=0, description="how much lower the reward is at the path's beginning")
-    off_path_reward: float = Field(-1.5, description="added for each motion away from the nearest path landmark")
-    obstacle_reward: float = -80.0
-    max_motions: Positive = Field(20, description="an episode is truncated after this many motions")
-
-
-class Task(_Part):
-    """One trajectory to follow, drawn as a text map (see common/maps.py)."""
-
-    id: Positive
-    map: str
-    rewards: tuple[float, ...] | None = Field(
-        None, description="position-reward table, row by row, in place of the one made from the map"
-    )
-    robots: int | None = Field(None, ge=1, description="cluster size; default federation.robots_per_cluster")
-
-
-class Camera(_Part):
-    """The robots' two cameras: RGB and time of flight (5 m range), one frame = (height, width, 4) uint8."""
-
-    width: Positive = 640
-    height: Positive = 480
-    range_m: PositiveFloat = 5.0
-    pose_jitter_m: float = Field(0.03, ge=0)
-    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
-    noise: float = Field(4.0, ge=0, description="standard deviation of the sensor noise, grey levels")
-
-
-class Network(_Part):
-    """The Q-network of Mnih et al. (2015): convolutions, one or more dense layers, one output an action."""
-
-    width: Positive = 96
-    height: Positive = 72
-    conv: tuple[tuple[Positive, Positive, Positive], ...] = Field(
-        ((32, 8, 4), (64, 4, 2), (64, 3, 1)), description="(channels, kernel, stride) of each layer"
-    )
-    dense: tuple[Positive, ...] = (512,)
-
-
-class Learning(_Part):
-    """Deep Q-learning, eq. (7), on a robot."""
-
-    discount: Fraction = Field(0.99, description="nu")
-    double: bool = Field(True, description="double learning: argmax by the online network")
-    optimizer: Literal["adam", "sgd"] = "adam"
-    lr: PositiveFloat = 1e-3
-    grad_clip: PositiveFloat = 1.0
-    batch_size: Positive = 32
-    batches_per_round: Positive = Field(20, description="B_i")
-    motions_per_round: Positive = Field(20, description="|E_ik|, new transitions a round")
-    epsilon: Fraction = 0.1
-    replay_size: Positive = 2000
-    target_polyak: float = Field(0.1, gt=0, le=1, description="target += this * (online - target) ...")
-    target_every: Positive = Field(1, description="... every so many gradient steps")
-    starts: Literal["area", "anywhere", "entry"] = Field(
-        "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"
-    )
-
-
-class Federation(_Part):
-    """Decentralized federated averaging inside a cluster, eq. (6)."""
-
-    robots_per_cluster: Positive = 2
-    topology: Literal["full", "ring", "random"] = "full"
-    degree: Positive = Field(2, description="neighbours of each robot under the random topology")
-    step: float | None = Field(None, gt=0, le=1, description="consensus step; default 1/(N+1); 1 = literal eq. (6)")
-    max_rounds: Positive = 200
-    target_reward: float = 50.0
-    reward_window: Positive = Field(5, description="R is the mean over this many rounds")
-
-
-class Meta(_Part):
-    """MAML in the data center, eqs. (3)-(5)."""
-
-    t0: int = Field(42, ge=0, description="MAML rounds before the meta-model goes down")
-    snapshots: tuple[Positive, ...] = Field((), description="rounds whose meta-model is kept as well")
-    training_tasks: tuple[Positive, ...] = Field((1, 2, 6), description="the Q training tasks")
-    robots_per_task: Positive = Field(1, description="robots of each training cluster that send experience")
-    order: Literal["exact", "first"] = Field("first", description="gradient through gradient, or first-order")
-    support_batches: Positive = Field(10, description="B^(a): inner SGD steps, one batch each")
-    query_batches: Positive = Field(10, description="B^(b): batches of the meta-update")
-    support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")
-    batch_size: Positive = 32
-    inner_lr: PositiveFloat = Field(1.0, description="mu; gradients are clipped to learning.grad_clip before")
-    meta_lr: PositiveFloat = Field(5e-4, description="eta, of Adam")
-    target_polyak: float = Field(0.3, gt=0, le=1, description="per-task target network tracking, each round")
-    epsilon: Fraction = Field(0.3, description="of the policy that collects: table-greedy with random motions")
-    replay_size: Positive = 1000
-
-
-class Energy(_Part):
-    """Constants of the energy model (Table I). kb = 1000 bit."""
-
-    p0_w: PositiveFloat = Field(590.0, description="P_0, data center power")
-    t0_batch_s: PositiveFloat = Field(0.020, description="T_0, data center time of one batch gradient")
-    pk_w: PositiveFloat = Field(5.1, description="P_k, robot power")
-    tk_batch_s: PositiveFloat = Field(0.400, description="T_k, robot time of one batch gradient")
-    pue: float = Field(1.67, ge=1, description="gamma")
-    beta: float = Field(1.0, ge=1, description="cost of a meta-gradient over a first-order one")
-    ul_bit_per_j: PositiveFloat = 200e3
-    sl_bit_per_j: PositiveFloat = 500e3
-    dl_bit_per_j: PositiveFloat | None = Field(None, description="default: as uplink (the paper gives none)")
-    sidelink: Literal["direct", "via_base_station"] = "direct"
-
-
-class Bus(_Part):
-    """How messages travel."""
-
-    qos: Literal[0, 1] = Field(1, description="of experience, weights and meta-model; control is always 1")
-    keepalive_s: int = Field(60, ge=60)
-    resend_after_s: PositiveFloat = Field(5.0, description="ask again for what has not come after this long")
-    connect_timeout_s: PositiveFloat = Field(30.0, description="give up on a broker that does not answer")
-
-
-class Scenario(_Part):
+class Scenario(Section):
     """A whole experiment. Build one with `load_scenario`."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")

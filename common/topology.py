@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import networkx as nx
 
 from common.errors import ConfigurationError
-from common.scenario import Federation
+from common.settings import Federation
 
 _ATTEMPTS = 100
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -14,22 +15,15 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions
 
 @app.command()
 def main(
-    scenario: Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")],
-    broker: Annotated[
-        str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is.")
-    ] = "mqtt://127.0.0.1:1883",
-    run: Annotated[
-        str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run on the bus. Default: the scenario's.")
-    ] = None,
+    scenario: ScenarioOption,
+    broker: BrokerOption = DEFAULT_BROKER,
+    run: RunOption = None,
     state: Annotated[
         Path | None,
         typer.Option(envvar="JOULESWARM_STATE", help="Folder for a checkpoint each round; resumes from one it holds."),
     ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
-    ] = None,
-    verbose: Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")] = True,
+    set_: SetOption = None,
+    verbose: VerboseOption = True,
 ) -> None:
     """Start the data center: it trains the meta-model on the training robots' experience and sends it down.
 

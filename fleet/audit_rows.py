@@ -21,7 +21,7 @@ from common.energy import (
     published_bill,
     robot_gradient_j,
 )
-from common.scenario import Energy
+from common.settings import Energy
 from fleet.paper import HEADLINE, TABLE_II, TRAINING_ROBOTS, TRAINING_TASKS
 
 EFFICIENT_SIDELINK = Energy()  # Table I, (E_UL, E_SL) = (200, 500) kb/J

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from common.errors import JouleSwarmError
+from common.options import BrokerOption, SetOption
 
 app = typer.Typer(
     add_completion=False,
@@ -23,9 +24,6 @@ app = typer.Typer(
 
 ScenarioFile = Annotated[
     Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml.")
-]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", help="Change the scenario: section.key=value. May be repeated.")
 ]
 Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
@@ -40,7 +38,7 @@ def _overrides(set_: list[str] | None, seed: int | None) -> list[str]:
 def run(
     scenario: ScenarioFile,
     seed: Seed = None,
-    set_: Set = None,
+    set_: SetOption = None,
     out: Out = Path("runs"),
     run_id: RunId = None,
     broker: Annotated[
@@ -67,12 +65,9 @@ def run(
 @app.command()
 def record(
     scenario: ScenarioFile,
-    broker: Annotated[str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is.")],
+    broker: BrokerOption,
     seed: Seed = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
-    ] = None,
+    set_: SetOption = None,
     out: Out = Path("runs"),
     run_id: RunId = None,
     ready_file: Annotated[

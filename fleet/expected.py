@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from common.energy import ClusterRounds, Counts, RoundSizes, closed_form, directed_links
-from common.scenario import Network, Scenario
+from common.scenario import Scenario
+from common.settings import Network
 
 _CHANNELS = 4  # a frame is RGB and depth, uint8
 _ACTIONS = 4

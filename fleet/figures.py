@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from common.scenario import Energy
+from common.settings import Energy
 from fleet.report_data import Run
 from fleet.report_drawings import INK, bytes_figure, energy_figure, rewards_figure, rounds_figure
 

@@ -63,7 +63,17 @@ class Launcher:
         Raises:
             RunError: it ended before it listened.
         """
-        command = [sys.executable, "-m", "broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin", *arguments]
+        command = [
+            sys.executable,
+            "-m",
+            "broker",
+            "--port",
+            "0",
+            "--metrics-port",
+            "0",
+            "--exit-with-stdin",
+            *arguments,
+        ]
         with (self._logs / "broker.log").open("ab") as log:
             self._broker = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True

@@ -1,7 +1,7 @@
 """What the paper prints, each number with its place. Nothing here is computed.
 
 Savazzi, Rampa, Kianoush, Bennis, "On the Energy and Communication Efficiency Tradeoffs in Federated and Multi-Task
-Learning", 2022, arXiv 2212.01049. Its other constants (Table I) are the defaults of `common.scenario.Energy`.
+Learning", 2022, arXiv 2212.01049. Its other constants (Table I) are the defaults of `common.settings.Energy`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import ConfigurationError
-from common.scenario import Energy
+from common.settings import Energy
 from fleet.figures import write_figures
 from fleet.report_data import Run, load_run
 from fleet.report_html import write_html

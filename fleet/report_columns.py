@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from common.energy import TABLE_I, Bill, PublishedBill, RoundSizes, bill, downlink_bit_per_j, published_bill, transfer_j
-from common.scenario import Energy
+from common.settings import Energy
 from common.topics import Link
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.paper import printed_total

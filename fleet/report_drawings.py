@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from common.energy import bill
-from common.scenario import Energy
+from common.settings import Energy
 from common.topics import Link
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.pricing import counts

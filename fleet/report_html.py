@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from common.scenario import Energy
+from common.settings import Energy
 from fleet.figures import CAPTIONS, inline_svgs
 from fleet.report_data import Run
 from fleet.report_text import TextTable, bytes_table, energy_table, headline, notes, rounds_table, verdicts

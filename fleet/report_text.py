@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downlink_bit_per_j
-from common.scenario import Energy
+from common.settings import Energy
 from common.topics import Link
 from fleet.report_columns import PARTS, columns, control_j
 from fleet.report_data import Run

@@ -5,8 +5,9 @@ import pytest
 
 from agents.camera import Camera, shared_obstacles
 from common.frames import resize
-from common.scenario import Camera as CameraSettings
-from common.scenario import World, scenario_from
+from common.scenario import scenario_from
+from common.settings import Camera as CameraSettings
+from common.settings import World
 
 STILL = CameraSettings(pose_jitter_m=0, heading_jitter_deg=0, noise=0)
 HORIZON, MIDDLE, DEPTH = 240, 320, 3

@@ -12,7 +12,7 @@ import torch
 
 from agents.learner import Learner
 from common.errors import TrainingError
-from common.scenario import Learning, Network
+from common.settings import Learning, Network
 
 LINEAR = Network(width=1, height=1, conv=(), dense=())
 ONES = np.full((1, 1, 4), 192, np.uint8)

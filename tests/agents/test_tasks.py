@@ -22,7 +22,8 @@ from agents.tasks import (
 )
 from common.errors import ConfigurationError
 from common.maps import TaskMap, parse_map
-from common.scenario import Scenario, World, load_scenario
+from common.scenario import Scenario, load_scenario
+from common.settings import World
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 WORLD = World(rows=3, cols=3)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import energy as e
-from common.scenario import Energy, Federation
+from common.settings import Energy, Federation
 
 PAPER = Energy()
 REVERSED = Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3)

@@ -6,7 +6,7 @@ import torch
 
 from common.errors import ConfigurationError
 from common.qnetwork import build_qnetwork, load_weights, observations, shapes_of, to_weights
-from common.scenario import Network
+from common.settings import Network
 
 TINY = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.energy import directed_links
 from common.errors import ConfigurationError
-from common.scenario import Federation
+from common.settings import Federation
 from common.topology import cluster_graph
 
 

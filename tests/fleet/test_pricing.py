@@ -7,7 +7,8 @@ import pytest
 from common.energy import TABLE_I, Counts
 from common.meter import Meter
 from common.qnetwork import build_qnetwork
-from common.scenario import Network, Scenario
+from common.scenario import Scenario
+from common.settings import Network
 from common.topics import Link, weights
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.pricing import TaskResult, counts, maml_rounds, summarise, task_results

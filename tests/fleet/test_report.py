@@ -11,7 +11,7 @@ from rich.console import Console
 from common.energy import TABLE_I
 from common.errors import ConfigurationError, RunError
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
-from common.scenario import Energy
+from common.settings import Energy
 from fleet.pricing import summarise
 from fleet.report import load_run, print_report, report, reprice
 from fleet.report_columns import closed_parts, columns, control_j, measured_parts

@@ -1,0 +1,21 @@
+"""Command-line options that several processes share; each is an environment variable too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
+
+ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")]
+BrokerOption = Annotated[str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is: mqtt://HOST:PORT.")]
+RunOption = Annotated[
+    str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run on the bus. Default: the scenario's.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
+]
+VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")]
