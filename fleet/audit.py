@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -13,7 +14,7 @@ from fleet.audit_rows import (
     implied_bill,
     literal_bill,
 )
-from fleet.paper import TABLE_II, TRAINING_TASKS
+from fleet.paper import TABLE_II
 
 __all__ = ["AuditRow", "audit_rows", "print_audit"]
 
@@ -33,38 +34,40 @@ def print_audit(console: Console | None = None) -> None:
 
 
 def _claims() -> Table:
-    table = Table(title="Published numbers against the paper's own equations and tables", show_lines=True)
-    table.add_column("place")
-    table.add_column("quantity")
+    title = "Published numbers against the paper's own equations and tables"
+    table = Table(title=title, box=box.SIMPLE, show_lines=True, pad_edge=False)
+    table.add_column("quantity, and whether it agrees")
     for heading in ("printed", "Table II", "literal", "published"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit")
-    table.add_column("verdict")
+    table.add_column("unit", no_wrap=True)
     for row in audit_rows():
         sign = "≥ " if row.relation == "at least" else ""
         values = [_number(value) for value in (row.table_ii, row.literal, row.published)]
         colour = "green" if row.consistent else "red"
-        note = f"\n[dim]{row.note}[/dim]" if row.note else ""
-        verdict = f"[{colour}]{row.verdict}[/{colour}]{note}"
-        table.add_row(row.place, row.quantity, sign + row.printed, *values, row.unit, verdict)
+        note = f" [dim]({row.note})[/dim]" if row.note else ""
+        quantity = f"{row.quantity} [dim]{row.place}[/dim]\n[{colour}]{row.verdict}[/{colour}]{note}"
+        table.add_row(quantity, sign + row.printed, *values, row.unit)
     return table
 
 
 def _table_ii() -> Table:
-    table = Table(title="Table II, summed and priced (kJ)")
+    table = Table(
+        title="Table II, summed, and priced in kJ at (E_UL, E_SL) in kb/J",
+        box=box.SIMPLE,
+        pad_edge=False,
+        padding=(0, 0, 0, 1),
+    )
     tasks = [f"t_{task}" for task in range(1, 7)]
-    sums = ("sum", "of 1, 2, 6", "of 3, 4, 5")
-    prices = ("published\n(200, 500)", "literal\n(200, 500)", "literal\n(500, 200)")
-    for heading in ("t0", *tasks, *sums, *prices):
+    prices = ("published\n200, 500", "literal\n200, 500", "literal\n500, 200")
+    for heading in ("t0", *tasks, "sum", *prices):
         table.add_column(heading, justify="right", no_wrap=True)
     for t0, rounds in TABLE_II.items():
-        trained = sum(rounds[task - 1] for task in TRAINING_TASKS)
         totals_j = (
             implied_bill(t0).total_j,
             literal_bill(t0, EFFICIENT_SIDELINK).total_j,
             literal_bill(t0, EFFICIENT_UPLINK).total_j,
         )
-        found = (*rounds, sum(rounds), trained, sum(rounds) - trained, *(total_j / 1e3 for total_j in totals_j))
+        found = (*rounds, sum(rounds), *(total_j / 1e3 for total_j in totals_j))
         table.add_row(str(t0), *(f"{value:.1f}" for value in found))
     return table
 
