@@ -58,7 +58,7 @@ def _table_ii() -> Table:
         padding=(0, 0, 0, 1),
     )
     tasks = [f"t_{task}" for task in range(1, 7)]
-    prices = ("published\n200, 500", "literal\n200, 500", "literal\n500, 200")
+    prices = ("published\n200,500", "literal\n200,500", "literal\n500,200")
     for heading in ("t0", *tasks, "sum", *prices):
         table.add_column(heading, justify="right", no_wrap=True)
     for t0, rounds in TABLE_II.items():
