@@ -15,9 +15,17 @@ from agents.agent import run_agent
 from benchmarks.in_memory import Outcome, run_in_memory
 from common import topics
 from common.bus import MemoryBus, MemoryHub
-from common.payloads import ModelHeader, MotionHeader, encode_model, encode_motion
+from common.payloads import (
+    ModelHeader,
+    MotionHeader,
+    Presence,
+    decode_model,
+    encode_json,
+    encode_model,
+    encode_motion,
+)
 from common.process import use_one_thread
-from common.qnetwork import build_qnetwork, to_weights
+from common.qnetwork import build_qnetwork, shapes_of, to_weights
 from common.runlog import RoundRow
 from common.scenario import Scenario, load_scenario
 from datacenter.server import run_datacenter
@@ -162,6 +170,60 @@ def test_any_choice_of_arms_completes_and_an_arm_does_not_depend_on_the_other(ou
     alone = run_in_memory(scenario)
     assert {key: outcome.learned[key] for key in alone.learned} == alone.learned
     assert {arm for arm, _ in alone.learned} == set(scenario.arms)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "offsets", "moved"),
+    [
+        ([], {2: 1.0}, 0.5),  # half way to the one neighbour
+        (["federation.step=1.0"], {2: 1.0}, 1.0),  # the literal equation takes its model over
+        # 1/3 of the way to the mean by samples (see below): (10 x 1 + 30 x 3) / 40 = 2.5
+        (["federation.robots_per_cluster=3"], {2: 1.0, 3: 3.0}, 2.5 / 3),
+    ],
+)
+def test_a_robot_moves_to_its_neighbours_by_equation_6(
+    overrides: list[str], offsets: dict[int, float], moved: float
+) -> None:
+    # Robot 1 learns nothing of its own; its neighbours are played here.
+    still = ["arms=['no_maml']", "federation.max_rounds=2", "learning.optimizer=sgd", "learning.lr=1e-30"]
+    scenario, hub = small(*still, *overrides), MemoryHub()
+    hands = hub.connect("hands")
+    hands.subscribe(topics.weights("r", "no_maml", 1, 1))
+    for agent in offsets:
+        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
+    robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
+    shapes = shapes_of(build_qnetwork(scenario.network))
+    published = []
+    for round_ in (1, 2):
+        message = hands.receive(DEADLINE_S)
+        assert message is not None
+        weights, header = decode_model(message.payload, shapes)
+        assert (header.agent, header.round, header.samples) == (1, round_, MOTIONS)
+        published.append(weights)
+        for agent, offset in offsets.items():
+            theirs = ModelHeader(
+                task=1, agent=agent, round=round_, reward=0.0, samples=10 if agent == 2 else 30,
+                rewards={agent: (round_, 0.0)},
+            )  # fmt: skip
+            payload = encode_model({name: tensor + np.float32(offset) for name, tensor in weights.items()}, theirs)
+            hands.publish(topics.weights("r", "no_maml", 1, agent), payload)
+    assert ended(robot)
+    for name, before in published[0].items():
+        np.testing.assert_allclose(published[1][name] - before, moved, rtol=0, atol=1e-6)
+
+
+def test_the_meta_model_is_where_federated_learning_starts() -> None:
+    still = ["arms=['maml']", "federation.max_rounds=1", "learning.optimizer=sgd", "learning.lr=1e-30"]
+    scenario, hub = small(*still), MemoryHub()
+    ears = hub.connect("ears")
+    ears.subscribe(topics.snapshot("r", "maml", "+"), topics.weights("r", "maml", 1, 1))
+    threads = [in_thread(run_agent, scenario, agent, "r", hub.connect(f"agent-{agent}")) for agent in scenario.agents]
+    threads.append(in_thread(run_datacenter, scenario, "r", hub.connect("datacenter")))
+    assert all(ended(thread) for thread in threads)
+    shapes = shapes_of(build_qnetwork(scenario.network))
+    messages = [ears.receive(0), ears.receive(0)]
+    meta, first = (decode_model(message.payload, shapes)[0] for message in messages if message)
+    assert all(np.array_equal(meta[name], first[name]) for name in shapes)
 
 
 def dying(bus: MemoryBus) -> MemoryBus:

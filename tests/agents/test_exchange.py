@@ -149,6 +149,21 @@ def test_duplicates_and_weights_of_rounds_gone_by_change_nothing() -> None:
     assert table.exchange.refused == 0
 
 
+def test_weights_of_a_round_that_no_neighbour_can_have_reached_are_not_kept() -> None:
+    table = Table(IMPATIENT_S)
+    table.send(2, 4, 99.0)  # nobody passes round 2 before this robot has sent its own
+    for round_ in (1, 2, 3):
+        for agent in (2, 3):
+            table.send(agent, round_, 10.0 * agent + round_)
+        table.values(round_)
+    ears = table.listen(topics.resend(RUN, ARM, TASK, 2))
+    table.send(3, 4, 34.0)
+    gathering = Running(lambda: table.values(4))
+    heard(ears)
+    table.send(2, 4, 24.0)
+    assert gathering.result() == {2: 24.0, 3: 34.0}
+
+
 def test_weights_of_another_arm_change_nothing() -> None:
     # An answer to a request of the first arm can come when the second has begun.
     table = Table()
@@ -294,6 +309,8 @@ def test_a_round_asked_for_again_is_due_again() -> None:
     table.others.publish(topics.collect_again(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
     ears = table.listen(topics.meta_resend(RUN, ARM))
     assert table.exchange.await_rounds_due({1, 2}, t0=2) == [1]
+    want(table, 3, 3)
+    assert table.exchange.await_rounds_due({1, 2}, t0=2) == []  # once is enough
     assert ears.receive(0.001) is None
 
 

@@ -77,6 +77,21 @@ def test_a_tasks_target_goes_its_share_of_the_way_to_the_adapted_model(
         assert not torch.equal(targets[1.0][name], start[name])
 
 
+@pytest.mark.parametrize(("newest", "depends"), [(4, False), (8, True)])
+def test_the_adaptation_is_rehearsed_on_the_newest_motions_only(
+    newest: int, depends: bool, make_scenario: Make, make_experience: Make
+) -> None:
+    scenario = make_scenario(meta={"support_newest": newest, "target_polyak": 1.0})
+    targets = []
+    for first_round in (1, 3):  # other motions before the same 4 newest ones
+        learner = MetaLearner(scenario)
+        for task, robots in make_experience(scenario, first_round).items():
+            learner.remember(task, robots[0])
+        one_round(learner, make_experience(scenario, 2), 2)
+        targets.append(learner.state()["target/1/0.weight"].clone())  # the adapted model itself
+    assert torch.equal(*targets) is not depends
+
+
 def test_a_gradient_that_is_not_finite_ends_training_and_says_so(make_scenario: Make, make_experience: Make) -> None:
     scenario = make_scenario(meta={"inner_lr": 1e38})  # the adapted parameters overflow
     with pytest.raises(TrainingError, match=r"meta-gradient of round 1 is not finite; lower meta\.inner_lr"):
