@@ -96,17 +96,15 @@ class Exchange:
 
     def await_meta_model(self, arm: str, t0: int) -> dict[str, Array]:
         """The meta-model of `t0` rounds, asked for if it went by before this robot came."""
-        asked = False
 
-        def here() -> bool:
-            nonlocal asked
-            if self._meta is None and self._wanted.first > t0 and not asked:
-                asked = True
+        def ask() -> None:
+            if self._meta is None and self._wanted.first > t0:
                 request = RoundRequest(first=self._here.agent, last=self._here.agent)
                 self._bus.publish(topics.meta_resend(self._run, arm), encode_json(request))
-            return self._meta is not None
 
-        self._until(here, lambda: "the meta-model")
+        self._until(lambda: self._meta is not None or self._wanted.first > t0, lambda: "the meta-model")
+        ask()
+        self._until(lambda: self._meta is not None, lambda: "the meta-model", ask)
         assert self._meta is not None
         return self._meta
 
@@ -119,6 +117,9 @@ class Exchange:
 
     def publish_weights(self, weights: Weights, header: ModelHeader) -> bytes:
         """Send this round's weights to the neighbours; kept for a round in case they ask again."""
+        # Requests that came before there was anything to send are served by what is sent now.
+        while (message := self._bus.receive(0)) is not None:
+            self._take(message)
         payload = encode_model(weights, header, len(self._here.cluster))
         self._sent = {header.round: payload, **{r: p for r, p in self._sent.items() if r == header.round - 1}}
         self._publish_round(header.round)

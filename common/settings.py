@@ -135,5 +135,5 @@ class Bus(Section):
 
     qos: Literal[0, 1] = Field(1, description="of experience, weights and meta-model; control is always 1")
     keepalive_s: int = Field(60, ge=60)
-    resend_after_s: PositiveFloat = Field(5.0, description="ask again for what has not come after this long")
+    resend_after_s: PositiveFloat = Field(10.0, description="ask again for what has not come after this long")
     connect_timeout_s: PositiveFloat = Field(30.0, description="give up on a broker that does not answer")

@@ -263,6 +263,18 @@ def test_a_request_is_answered_with_this_rounds_or_the_last_rounds_weights() -> 
     assert ears.receive(0.001) is None
 
 
+def test_a_request_from_before_there_was_anything_to_send_costs_no_second_copy() -> None:
+    table = Table()
+    ears = table.listen(topics.weights(RUN, ARM, TASK, ME))
+    table.others.publish(topics.resend(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
+    sent = table.exchange.publish_weights({"w": np.zeros(2, np.float32)}, header(1))
+    table.send(2, 1)
+    table.send(3, 1)
+    table.exchange.gather(1)
+    assert heard(ears).payload == sent
+    assert ears.receive(0.001) is None
+
+
 def test_stages_are_waited_for_and_a_robot_that_went_does_not_count_as_come() -> None:
     table = Table()
     table.present(2, 1)
@@ -334,6 +346,17 @@ def test_a_meta_model_that_went_by_is_asked_for() -> None:
     want(table, 4, 4)  # the stage is over, and the meta-model was sent before this robot came
     waiting = Running(lambda: table.exchange.await_meta_model(ARM, t0=3))
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
+    table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
+    assert waiting.result()["w"].tolist() == [5.0, 5.0]
+
+
+def test_a_meta_model_that_was_lost_is_asked_for_until_it_comes() -> None:
+    table = Table(IMPATIENT_S)
+    ears = table.listen(topics.meta_resend(RUN, ARM))
+    want(table, 4, 4)
+    waiting = Running(lambda: table.exchange.await_meta_model(ARM, t0=3))
+    for _ in range(3):
+        assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
 
