@@ -27,6 +27,15 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 MAX_HEADER_BYTES = 64 * 1024
 _DTYPES: dict[str, np.dtype[Any]] = {"F32": np.dtype("<f4"), "U8": np.dtype("u1")}
+_MALFORMED = (
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+    struct.error,
+    safetensors.SafetensorError,
+)
 _CODES = {dtype: code for code, dtype in _DTYPES.items()}
 
 
@@ -110,6 +119,25 @@ def decode_model(payload: Payload, shapes: Shapes) -> tuple[dict[str, npt.NDArra
     return tensors, header
 
 
+def check_model(payload: Payload) -> ModelHeader:
+    """The header of a model of whatever shape, for who only keeps it.
+
+    Raises:
+        PayloadError: not a safetensors file with a model's metadata.
+    """
+    try:
+        (length,) = struct.unpack_from("<Q", payload)
+        if length > min(MAX_HEADER_BYTES, len(payload)):
+            raise PayloadError(f"model: header of {length} bytes, expected at most {MAX_HEADER_BYTES}")
+        header = ModelHeader.model_validate(json.loads(bytes(payload[8 : 8 + length]))["__metadata__"])
+        safetensors.deserialize(bytes(payload))  # type: ignore[no-untyped-call]
+    except ValidationError as error:
+        raise PayloadError(f"model: {_first(error)}") from error
+    except _MALFORMED as error:
+        raise PayloadError(f"model: not a safetensors file with our metadata: {error!r}") from error
+    return header
+
+
 def encode_motion(frame: npt.NDArray[np.uint8], header: MotionHeader) -> bytes:
     """One motion: the camera frame, uint8 [height, width, 4], with action, reward and flags."""
     return _encode({"frame": frame}, header, 320)
@@ -189,7 +217,7 @@ def _decode(
         tensors = dict(safetensors.deserialize(bytes(payload)))  # type: ignore[no-untyped-call]
     except ValidationError as error:
         raise PayloadError(f"{what}: {_first(error)}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, safetensors.SafetensorError) as error:
+    except _MALFORMED as error:
         raise PayloadError(f"{what}: not a safetensors file with our metadata: {error!r}") from error
     return {
         name: np.frombuffer(tensors[name]["data"], _DTYPES[code]).reshape(shape)

@@ -11,7 +11,7 @@ from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow
-from common.payloads import Presence, decode_json
+from common.payloads import Presence, check_model, decode_json
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
@@ -127,6 +127,7 @@ class Recorder:
         elif kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
+            check_model(message.payload)
             self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
         elif kind == "snapshot":
             self._take_snapshot(topic.split("/")[4], message)
@@ -140,6 +141,7 @@ class Recorder:
     def _take_snapshot(self, round_: str, message: Message) -> None:
         if not round_.isdecimal():
             raise PayloadError(f"meta-model of round {round_!r}, expected a number")
+        check_model(message.payload)
         self._directory.weights(f"meta-t{int(round_):04d}", message.payload)
 
     def _take_presence(self, message: Message) -> None:

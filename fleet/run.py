@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import importlib.metadata
 import os
 import platform
 import secrets
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
@@ -46,15 +48,14 @@ def run_deployment(
     with ExitStack() as stack:
         launcher = stack.enter_context(Launcher(directory.path / "logs"))
         url = broker or _embedded_broker(launcher, console)
-        directory.manifest(manifest(scenario, run, url, embedded=broker is None))
-        recorder = _recorder(scenario, url, run, directory)
+        recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
         common = ["--broker", url, "--run", run, *scenario_options]
         if "maml" in scenario.arms:
             state = str(directory.path / "checkpoint")
             launcher.start("datacenter", "datacenter", [*common, "--state", state])
         for agent in scenario.agents:
             launcher.start(f"agent-{agent}", "agents", ["--id", str(agent), *common])
-        _record(scenario, recorder, console, launcher)
+        _watch(scenario, recorder, console, launcher)
     return directory.path
 
 
@@ -67,11 +68,10 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     directory = RunDirectory(out / topics.run_name(run))
-    recorder = _recorder(scenario, broker, run, directory)
-    directory.manifest(manifest(scenario, run, broker, embedded=False))
-    if ready_file is not None:
-        ready_file.touch()
-    _record(scenario, recorder, console, None)
+    with _recording(scenario, broker, run, directory, console, embedded=False) as recorder:
+        if ready_file is not None:
+            ready_file.touch()
+        _watch(scenario, recorder, console, None)
     return directory.path
 
 
@@ -98,23 +98,19 @@ def _embedded_broker(launcher: Launcher, console: Console) -> str:
     return ready["url"]
 
 
-def _recorder(scenario: Scenario, url: str, run: str, directory: RunDirectory) -> Recorder:
+@contextlib.contextmanager
+def _recording(
+    scenario: Scenario, url: str, run: str, directory: RunDirectory, console: Console, *, embedded: bool
+) -> Iterator[Recorder]:
+    """A recorder that writes its summary however the run ends."""
+    directory.manifest(manifest(scenario, run, url, embedded=embedded))
     bus = MqttBus.connect(
         url, CLIENT, keepalive_s=scenario.bus.keepalive_s, connect_timeout_s=scenario.bus.connect_timeout_s
     )
-    return Recorder(bus, scenario, run, directory)
-
-
-def _record(scenario: Scenario, recorder: Recorder, console: Console, launcher: Launcher | None) -> None:
+    recorder = Recorder(bus, scenario, run, directory)
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
-        with View(console, scenario, recorder) as view:
-            while recorder.waiting_for:
-                recorder.pump(_PUMP_S)
-                recorder.check()
-                if launcher is not None:
-                    launcher.check()
-                view.update()
+        yield recorder
         status = "complete"
     except KeyboardInterrupt:
         status = "interrupted"
@@ -127,3 +123,13 @@ def _record(scenario: Scenario, recorder: Recorder, console: Console, launcher: 
             if status == "complete":
                 raise
             console.print(f"the run directory has no final counters: {error}", highlight=False)
+
+
+def _watch(scenario: Scenario, recorder: Recorder, console: Console, launcher: Launcher | None) -> None:
+    with View(console, scenario, recorder) as view:
+        while recorder.waiting_for:
+            recorder.pump(_PUMP_S)
+            recorder.check()
+            if launcher is not None:
+                launcher.check()
+            view.update()

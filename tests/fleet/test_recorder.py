@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from common import topics
 from common.bus import MemoryBus, MemoryHub
 from common.errors import RunError
 from common.meter import Meter
-from common.payloads import Presence, encode_json
+from common.payloads import ModelHeader, Presence, encode_json, encode_model
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
@@ -111,11 +112,17 @@ def test_bytes_so_far_are_the_newest_of_each_client(table: Table) -> None:
 
 
 def test_models_are_kept_under_their_names(table: Table) -> None:
-    table.others.publish(topics.learned(RUN, "no_maml", 1), b"learned")
-    table.others.publish(topics.snapshot(RUN, "maml", 42), b"meta")
+    learned, meta = (
+        encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=task, agent=task, round=42)) for task in (1, 0)
+    )
+    table.others.publish(topics.learned(RUN, "no_maml", 1), learned)
+    table.others.publish(topics.snapshot(RUN, "maml", 42), meta)
+    # what cannot be read afterwards does not take the place of what can
+    table.others.publish(topics.learned(RUN, "no_maml", 1), learned[:-1])
+    table.others.publish(topics.snapshot(RUN, "maml", 42), b"garbage")
     table.pump()
     kept = {path.name: path.read_bytes() for path in (table.path / "weights").iterdir()}
-    assert kept == {"no_maml-task1.safetensors": b"learned", "meta-t0042.safetensors": b"meta"}
+    assert kept == {"no_maml-task1.safetensors": learned, "meta-t0042.safetensors": meta}
 
 
 @pytest.mark.parametrize(
