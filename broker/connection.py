@@ -10,7 +10,7 @@ from broker.inbound import PacketReader
 from broker.limits import Budget, Limits, Turns
 from broker.outbound import PacketWriter
 
-SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
+SOCKET_BUFFER_BYTES = 512 * 1024
 
 
 class Connection(WriterAdapter):  # type: ignore[misc]

@@ -74,7 +74,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             else:
                 await self._on_control(packet.first, packet.body)
 
-    async def _on_control(self, first: int, body: bytearray) -> None:
+    async def _on_control(self, first: int, body: memoryview) -> None:
         kind = first >> 4
         if _REQUIRED_FLAGS.get(kind) != first & 15:
             raise MalformedPacket(f"packet with first byte 0x{first:02x}, which no client may send here")
@@ -115,7 +115,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             taken[packet_id] = True
             self.connection.send(b"\x50\x02" + message.packet_id)
 
-    async def _on_subscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
+    async def _on_subscribe(self, fixed: MQTTFixedHeader, body: memoryview) -> None:
         packet = await decode_filters(SubscribePacket, fixed, body)
         subscriptions = packet.payload.topics
         if any(qos > 2 for _, qos in subscriptions):
@@ -126,7 +126,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             if qos < 128:
                 self._broker.deliver_retained(self, topic_filter, qos)
 
-    async def _on_unsubscribe(self, fixed: MQTTFixedHeader, body: bytearray) -> None:
+    async def _on_unsubscribe(self, fixed: MQTTFixedHeader, body: memoryview) -> None:
         packet = await decode_filters(UnsubscribePacket, fixed, body)
         for topic_filter in packet.payload.topics:
             self._broker.remove_subscription(topic_filter, self.session)

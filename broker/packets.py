@@ -22,7 +22,7 @@ class Packet(NamedTuple):
     """A packet as received: first byte, everything after the fixed header, and what it took of the budget."""
 
     first: int
-    body: bytearray
+    body: memoryview
     cost_bytes: int
 
 
@@ -36,7 +36,7 @@ class Publish(NamedTuple):
     retain: bool
 
 
-def parse_publish(first: int, body: bytearray) -> Publish:
+def parse_publish(first: int, body: memoryview) -> Publish:
     """Take a PUBLISH packet apart (MQTT 3.1.1, section 3.3); the payload is not copied."""
     qos = first >> 1 & 3
     topic_end = 2 + int.from_bytes(body[:2], "big")
@@ -44,12 +44,12 @@ def parse_publish(first: int, body: bytearray) -> Publish:
     if qos == 3 or start > len(body) or len(body) < 2:
         raise MalformedPacket(f"PUBLISH with QoS {qos} and a topic that ends at byte {start} of {len(body)}")
     try:
-        topic = body[2:topic_end].decode()
+        topic = bytes(body[2:topic_end]).decode()
     except UnicodeDecodeError as error:
         raise MalformedPacket("PUBLISH with a topic that is not UTF-8") from error
     if topic.startswith("$") or not is_topic(topic):
         raise MalformedPacket(f"PUBLISH on topic {topic!r}, which no client may publish on")
-    return Publish(topic, bytes(body[topic_end:start]), memoryview(body)[start:], qos, bool(first & 1))
+    return Publish(topic, bytes(body[topic_end:start]), body[start:], qos, bool(first & 1))
 
 
 def is_topic(topic: str | None) -> bool:
@@ -57,14 +57,14 @@ def is_topic(topic: str | None) -> bool:
     return bool(topic) and not any(char in str(topic) for char in "+#\0")
 
 
-def parse_packet_id(body: bytearray) -> int:
+def parse_packet_id(body: memoryview) -> int:
     """The packet identifier that is all of an acknowledgement."""
     if len(body) != 2:
         raise MalformedPacket(f"acknowledgement with {len(body)} bytes, expected 2")
     return int.from_bytes(body, "big")
 
 
-async def decode_filters(kind: type[Any], fixed: MQTTFixedHeader, body: bytearray) -> Any:
+async def decode_filters(kind: type[Any], fixed: MQTTFixedHeader, body: memoryview) -> Any:
     """Decode SUBSCRIBE or UNSUBSCRIBE with amqtt's codec."""
     try:
         packet = await kind.from_stream(BufferReader(bytes(body)), fixed_header=fixed)
@@ -75,7 +75,7 @@ async def decode_filters(kind: type[Any], fixed: MQTTFixedHeader, body: bytearra
     return packet
 
 
-def check_connect(first: int, body: bytearray) -> None:
+def check_connect(first: int, body: memoryview) -> None:
     """Whether this is a CONNECT packet whose fields fill it exactly (section 3.1)."""
     if first != CONNECT << 4:
         raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
