@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from common.errors import RunError
 
@@ -49,6 +51,7 @@ class Launcher:
             if child.is_alive():
                 child.kill()
                 child.join()
+        _end_fork_server()
         if self._broker is not None:
             self._broker.terminate()
             try:
@@ -90,6 +93,7 @@ class Launcher:
         """Start `python -m MODULE ARGUMENTS` as a process called `name`."""
         from fleet.child import run_module
 
+        _ensure_fork_server()
         child = self._context.Process(
             target=run_module, args=(module, arguments, self._log(name)), name=name, daemon=True
         )
@@ -120,3 +124,22 @@ class Launcher:
     def _tail(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
         return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
+
+
+def _ensure_fork_server() -> None:
+    # A Ctrl-C at the terminal is for all in the foreground; the fork server must not hear it while it loads torch.
+    resource_tracker.ensure_running()  # first: it lets SIGINT through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_fork_server() -> None:
+    # It would first finish loading torch, then fork the process that a `start` cut short by Ctrl-C had asked for.
+    # Such a process, unknown here, ends with it.
+    server: Any = forkserver._forkserver
+    if server._forkserver_pid is not None:
+        os.kill(server._forkserver_pid, signal.SIGKILL)
+        server._stop()

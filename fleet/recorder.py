@@ -35,7 +35,7 @@ class Recorder:
         self._reports: dict[str, list[MeterRow]] = {}
         self._received: dict[str, dict[str, int]] = {}
         self._broker_rows: list[MeterRow] = []
-        self._asked = ""
+        self._asked, self._answered = "", False
         self._gone: dict[str, float] = {}
         self._filters = [
             topics.telemetry(run, "+", "+"),
@@ -114,7 +114,7 @@ class Recorder:
         self._asked = secrets.token_hex(8)
         self._bus.publish(topics.BROKER_METER_ASK, self._asked.encode())
         until = time.monotonic() + _SNAPSHOT_WAIT_S
-        while not self._broker_rows and time.monotonic() < until:
+        while not self._answered and time.monotonic() < until:
             self.pump(0.05)
 
     def _take(self, message: Message) -> None:
@@ -122,6 +122,7 @@ class Recorder:
         if topic == topics.BROKER_METER:
             snapshot = decode_json(message.payload, BrokerSnapshot, len(message.payload))
             if snapshot.asked is not None and snapshot.asked == self._asked:
+                self._answered = True
                 prefix = f"{topics.ROOT}/{self._run}/"
                 self._broker_rows = [row for row in snapshot.rows or () if row.topic.startswith(prefix)]
         elif kind == "round":
