@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -48,6 +49,11 @@ def wait_until(condition: Callable[[], bool], what: str, within_s: float = DEADL
         time.sleep(0.02)
 
 
+def _hear_ctrl_c() -> None:
+    # A shell starts a background job deaf to SIGINT, and its children inherit that: so may these tests.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @dataclass
 class Started:
     """A process and all that it prints."""
@@ -85,7 +91,7 @@ class Starter:
         with output.open("w") as file:
             process = subprocess.Popen(
                 command, cwd=ROOT, stdout=file, stderr=subprocess.STDOUT, text=True,
-                env={**os.environ, "COLUMNS": "100", **environment}, start_new_session=True,
+                env={**os.environ, "COLUMNS": "100", **environment}, start_new_session=True, preexec_fn=_hear_ctrl_c,
             )  # fmt: skip
         self.started.append(Started(process, output))
         return self.started[-1]
