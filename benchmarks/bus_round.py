@@ -26,7 +26,7 @@ from common.scenario import load_scenario
 from fleet.run import run_deployment
 
 SCENARIO = "scenarios/paper.toml"
-SETTINGS = ['arms=["no_maml"]', "federation.target_reward=1e9"]
+SETTINGS = ['methods=["fl"]', "federation.target_reward=1e9"]
 
 
 def main() -> None:

@@ -56,7 +56,7 @@ def run_in_memory(scenario: Scenario, run: str = "memory") -> Outcome:
         start(f"agent-{agent}", lambda bus, agent=agent: run_agent(scenario, agent, run, bus))  # type: ignore[misc]
         for agent in scenario.agents
     ]
-    if "maml" in scenario.arms:
+    if scenario.needs_datacenter:
         threads.append(start("datacenter", lambda bus: run_datacenter(scenario, run, bus)))
     while any(thread.is_alive() for thread in threads) and not errors:
         _take_all(recorder, outcome, 0.1)
@@ -87,7 +87,7 @@ def main() -> None:
     scenario = load_scenario(arguments.scenario, arguments.overrides)
     begun = time.monotonic()
     outcome = run_in_memory(scenario)
-    for arm in scenario.arms:
+    for arm in scenario.arm_names:
         ends = {}
         for row in outcome.rows:
             if row.arm == arm and row.phase == "fl":

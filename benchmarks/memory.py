@@ -28,7 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3, help="MAML rounds and FL rounds of the peak's run")
     rounds = parser.parse_args().rounds
-    overrides = [f"meta.t0={rounds}", "meta.snapshots=[]", f"federation.max_rounds={rounds}", 'arms=["maml"]']
+    overrides = [f"meta.t0={rounds}", "meta.snapshots=[]", f"federation.max_rounds={rounds}", 'methods=["maml"]']
     overrides += ["federation.target_reward=1e9"]
     scenario = load_scenario(SCENARIO, overrides)
     with tempfile.TemporaryDirectory() as folder, Launcher(Path(folder)) as launcher:

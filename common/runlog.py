@@ -37,6 +37,7 @@ class RoundRow(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     phase: Literal["maml", "fl"]
+    """maml: the meta-learning stage in the data center, by whatever method. fl: everything else."""
     arm: str
     task: int
     agent: int
@@ -50,6 +51,8 @@ class RoundRow(BaseModel):
     """Batch gradients really computed; of the data center support + query."""
     gradients_support: int | None = None
     gradients_query: int | None = None
+    experience_bytes: int | None = None
+    """Payload bytes of raw observations that the data center's round was learned from."""
     learned: bool | None = None
     """On a robot's last row of an arm: whether R reached the target."""
     refused: int = 0

@@ -7,12 +7,13 @@ import tomllib
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from common.errors import ConfigurationError
 from common.maps import TaskMap, parse_map
+from common.methods import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
 from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Network, Section, Task, World
 
 
@@ -21,7 +22,7 @@ class Scenario(Section):
 
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")
     seed: int = Field(1, ge=0)
-    arms: tuple[Literal["maml", "no_maml"], ...] = ("maml", "no_maml")
+    methods: tuple[Method, ...] = ("maml", "fl")
     tasks: tuple[Task, ...] = Field(min_length=1)
     world: World = World()
     camera: Camera = Camera()
@@ -32,12 +33,12 @@ class Scenario(Section):
     energy: Energy = Energy()
     bus: Bus = Bus()
 
-    @field_validator("arms")
+    @field_validator("methods")
     @classmethod
-    def _arms_differ(cls, arms: tuple[str, ...]) -> tuple[str, ...]:
-        if not arms or len(set(arms)) != len(arms):
-            raise ValueError("name each arm once: maml, no_maml")
-        return arms
+    def _methods_differ(cls, methods: tuple[str, ...]) -> tuple[str, ...]:
+        if not methods or len(set(methods)) != len(methods):
+            raise ValueError(f"name each method once, one or more of {', '.join(METHODS)}")
+        return methods
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -53,11 +54,13 @@ class Scenario(Section):
             if task.rewards is not None and len(task.rewards) != landmarks:
                 raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
         if "maml" in self.arms and self.meta.t0 < 1:
-            raise ValueError('meta.t0 is 0, expected 1 or more (or arms = ["no_maml"])')
+            raise ValueError('meta.t0 is 0, expected 1 or more (or methods=["fl"])')
         if "maml" in self.arms and not set(self.meta.training_tasks) <= set(ids):
             raise ValueError(f"meta.training_tasks {self.meta.training_tasks} are not all among the tasks {ids}")
-        if any(round_ > self.meta.t0 for round_ in self.meta.snapshots):
-            raise ValueError(f"meta.snapshots {self.meta.snapshots} reach past meta.t0 = {self.meta.t0}")
+        for name in ("snapshots", "adapt_from"):
+            rounds = getattr(self.meta, name)
+            if any(round_ > self.meta.t0 for round_ in rounds):
+                raise ValueError(f"meta.{name} {rounds} reach past meta.t0 = {self.meta.t0}")
         for task_id in ids:
             size = len(self.cluster(task_id))
             if (
@@ -72,6 +75,32 @@ class Scenario(Section):
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
         return self
+
+    @property
+    def meta_methods(self) -> tuple[Method, ...]:
+        """Those of the methods that train a model in the data center first."""
+        return tuple(method for method in self.methods if method in META_METHODS)
+
+    @property
+    def needs_datacenter(self) -> bool:
+        """Whether any method has work for the data center."""
+        return any(method in (*META_METHODS, *SERVED_METHODS) for method in self.methods)
+
+    @cached_property
+    def arms(self) -> tuple[Arm, ...]:
+        """What robots do one after the other: each method, from each meta-model that is adapted."""
+        arms: list[Arm] = []
+        for method in self.methods:
+            meta = method in META_METHODS
+            on_the_way = sorted(set(self.meta.adapt_from) - {self.meta.t0}) if meta else []
+            arms += [Arm(arm_name(method, t0), method, t0) for t0 in on_the_way]
+            arms.append(Arm(method, method, self.meta.t0 if meta else 0))
+        return tuple(arms)
+
+    @cached_property
+    def arm_names(self) -> tuple[str, ...]:
+        """Names of the arms, as they stand in topics."""
+        return tuple(arm.name for arm in self.arms)
 
     @cached_property
     def clusters(self) -> dict[int, tuple[int, ...]]:

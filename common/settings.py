@@ -101,9 +101,11 @@ class Meta(Section):
 
     t0: int = Field(42, ge=0, description="MAML rounds before the meta-model goes down")
     snapshots: tuple[Positive, ...] = Field((), description="rounds whose meta-model is kept as well")
+    adapt_from: tuple[Positive, ...] = Field(
+        (), description="rounds whose meta-model the robots adapt as well, each an arm of its own"
+    )
     training_tasks: tuple[Positive, ...] = Field((1, 2, 6), description="the Q training tasks")
     robots_per_task: Positive = Field(1, description="robots of each training cluster that send experience")
-    order: Literal["exact", "first"] = Field("first", description="gradient through gradient, or first-order")
     support_batches: Positive = Field(10, description="B^(a): inner SGD steps, one batch each")
     query_batches: Positive = Field(10, description="B^(b): batches of the meta-update")
     support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")

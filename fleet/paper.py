@@ -40,6 +40,6 @@ BEST_UPLINK = PrintedTotal(500e3, 200e3, 132, None, 52e3)  # section IV-C, Fig. 
 
 def printed_total(arm: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float) -> PrintedTotal | None:
     """The printed total nearest to a run: of its arm and efficiencies, of its t0 if there is one for it."""
-    totals = (NO_MAML,) if arm == "no_maml" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
+    totals = (NO_MAML,) if arm == "fl" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
     fitting = [each for each in totals if (each.ul_bit_per_j, each.sl_bit_per_j) == (ul_bit_per_j, sl_bit_per_j)]
     return next((each for each in fitting if each.t0 == t0), fitting[0] if fitting else None)

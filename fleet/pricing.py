@@ -91,7 +91,7 @@ def summarise(
         "t0": maml_rounds(rows),
         "status": status,
         "metered_by": metered_by(meter_rows),
-        "arms": {arm: _arm_summary(scenario, rows, meter_rows, arm, wanted) for arm in scenario.arms},
+        "arms": {arm: _arm_summary(scenario, rows, meter_rows, arm, wanted) for arm in scenario.arm_names},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
     }
 

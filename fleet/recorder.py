@@ -52,7 +52,7 @@ class Recorder:
     def waiting_for(self) -> list[str]:
         """Processes that have not handed in their counters yet."""
         expected = [f"agent-{agent}" for agent in self._scenario.agents]
-        if "maml" in self._scenario.arms:
+        if self._scenario.needs_datacenter:
             expected.append("datacenter")
         return [client for client in expected if client not in self._reports]
 

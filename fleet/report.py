@@ -106,7 +106,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
     console = console or Console()
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     console.print(_table(rounds_table(run)))
-    for arm in run.scenario.arms:
+    for arm in run.scenario.arm_names:
         console.print(_table(energy_table(run, arm, energy)))
     console.print(_table(bytes_table(run, energy)))
     for line in verdicts(run, energy):

@@ -62,7 +62,7 @@ class Run:
     @cached_property
     def results(self) -> dict[str, list[TaskResult]]:
         """Task results by arm."""
-        return {arm: task_results(self.scenario, self.rows, arm) for arm in self.scenario.arms}
+        return {arm: task_results(self.scenario, self.rows, arm) for arm in self.scenario.arm_names}
 
     def rounds(self, arm: str) -> dict[int, float]:
         """t_i by task."""

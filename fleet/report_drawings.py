@@ -25,7 +25,7 @@ from fleet.report_columns import closed_parts, measured_parts
 from fleet.report_data import Run
 from fleet.report_text import ARM_NAMES
 
-ARM_COLOURS = {"maml": "#E69F00", "no_maml": "#0072B2"}
+ARM_COLOURS = {"maml": "#E69F00", "fl": "#0072B2"}
 LINK_STYLES = {
     Link.UPLINK: ("#D55E00", "-"),
     Link.DOWNLINK: ("#009E73", "--"),
@@ -51,7 +51,7 @@ def energy_figure(run: Run, energy: Energy) -> Figure:
     figure = _figure(2.6)
     left, right = figure.subplots(1, 2, width_ratios=[4.5, 1])
     labels = [r"$E_\mathrm{ML}$", *(rf"$E_\mathrm{{FL}}(t_{{{task}}})$" for task in run.scenario.clusters)]
-    bars: Bars = {arm: _stage_bars(run, arm, energy) for arm in run.scenario.arms}
+    bars: Bars = {arm: _stage_bars(run, arm, energy) for arm in run.scenario.arm_names}
     totals: Bars = {
         arm: [(math.fsum(learning for learning, _ in held), math.fsum(carrying for _, carrying in held))]
         for arm, held in bars.items()
@@ -71,7 +71,7 @@ def rounds_figure(run: Run, energy: Energy) -> Figure:
     """Fig. 3b: t0 and t_i, arm beside arm. `energy` plays no part."""
     figure = _figure(2.4)
     axes = figure.subplots()
-    for place, arm in enumerate(run.scenario.arms):
+    for place, arm in enumerate(run.scenario.arm_names):
         values = [float(run.t0) if arm == "maml" else 0.0, *run.rounds(arm).values()]
         learned = [True, *(result.learned for result in run.results[arm])]
         for x, (value, done) in enumerate(zip(values, learned, strict=True)):
@@ -98,7 +98,7 @@ def rewards_figure(run: Run, energy: Energy) -> Figure:
     figure = _figure(1.9 * down + 0.3)
     grid = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
     for axes, task in zip(grid, tasks, strict=False):
-        for arm in run.scenario.arms:
+        for arm in run.scenario.arm_names:
             _reward_curves(axes, run, arm, task)
         axes.axhline(run.scenario.federation.target_reward, color=INK, linestyle="--", linewidth=0.7)
         axes.set_title(f"task {task}")
@@ -184,7 +184,7 @@ def _reward_curves(axes: Axes, run: Run, arm: str, task: int) -> None:
 
 
 def _arm_patches(run: Run) -> list[Patch]:
-    return [Patch(facecolor=ARM_COLOURS[arm], label=ARM_NAMES[arm]) for arm in run.scenario.arms]
+    return [Patch(facecolor=ARM_COLOURS[arm], label=ARM_NAMES[arm]) for arm in run.scenario.arm_names]
 
 
 def _hatched(colour: str) -> dict[str, Any]:
@@ -197,4 +197,4 @@ def _hatched(colour: str) -> dict[str, Any]:
 
 
 def _offset(place: int, run: Run) -> float:
-    return (place - (len(run.scenario.arms) - 1) / 2) * _BAR
+    return (place - (len(run.scenario.arm_names) - 1) / 2) * _BAR

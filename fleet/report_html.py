@@ -52,7 +52,7 @@ def page(run: Run, energy: Energy) -> str:
     body = [
         f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
         _paragraphs(verdicts(run, energy), "verdict"),
-        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arms),
+        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
         _table(rounds_table(run)),
         _table(bytes_table(run, energy)),
         *figures,

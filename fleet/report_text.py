@@ -11,7 +11,7 @@ from fleet.report_columns import PARTS, columns, control_j
 from fleet.report_data import Run
 from fleet.traffic import metered_by, traffic
 
-ARM_NAMES = {"maml": "with MAML", "no_maml": "without MAML"}
+ARM_NAMES = {"maml": "with MAML", "fl": "without MAML"}
 PART_NAMES = {
     "ml_learning": "MAML learning",
     "ml_communication": "MAML traffic",
@@ -46,17 +46,17 @@ def headline(run: Run, energy: Energy) -> str:
 def rounds_table(run: Run) -> TextTable:
     """Rounds, reward and path error of each task, arm beside arm."""
     headings = ["task"]
-    for arm in run.scenario.arms:
+    for arm in run.scenario.arm_names:
         headings += [f"{heading} {ARM_NAMES[arm]}" for heading in ("t_i", "R", "RMSE (m)", "learned")]
     rows = []
     for place, task in enumerate(run.scenario.clusters):
         cells = [str(task)]
-        for arm in run.scenario.arms:
+        for arm in run.scenario.arm_names:
             found = run.results[arm][place]
             cells += [str(found.rounds), number_text(found.reward), number_text(found.rmse_m, 2)]
             cells.append("yes" if found.learned else "no")
         rows.append(cells)
-    sums = [cell for arm in run.scenario.arms for cell in (f"{sum(run.rounds(arm).values()):g}", "", "", "")]
+    sums = [cell for arm in run.scenario.arm_names for cell in (f"{sum(run.rounds(arm).values()):g}", "", "", "")]
     return TextTable(
         "Rounds, running reward R and path error", headings, [*rows, ["sum", *sums]], frozenset({len(rows)})
     )
@@ -73,7 +73,7 @@ def energy_table(run: Run, arm: str, energy: Energy) -> TextTable:
 def bytes_table(run: Run, energy: Energy) -> TextTable:
     """What was delivered over each link class, and what carrying it cost in protocol bytes."""
     rows = []
-    for arm in run.scenario.arms:
+    for arm in run.scenario.arm_names:
         for link in Link:
             found = traffic(run.meter_rows, arm, link)
             overhead = "-" if found.overhead is None else f"{100 * found.overhead:.3f}%"
@@ -109,10 +109,10 @@ def bytes_text(size_bytes: float) -> str:
 
 def verdicts(run: Run, energy: Energy) -> list[str]:
     """Whether meta-learning pays, by each column that has a total for both arms."""
-    if set(run.scenario.arms) != {"maml", "no_maml"}:
+    if set(run.scenario.arm_names) != {"maml", "fl"}:
         return []
     lines = []
-    for ours, theirs in zip(columns(run, "maml", energy), columns(run, "no_maml", energy), strict=True):
+    for ours, theirs in zip(columns(run, "maml", energy), columns(run, "fl", energy), strict=True):
         ours_j, theirs_j = ours.joules["total"], theirs.joules["total"]
         if ours_j and theirs_j is not None:
             ratio = theirs_j / ours_j
@@ -156,7 +156,7 @@ def _notes_of_the_run(run: Run) -> list[str]:
         lines.append("Metered by the clients themselves: an external broker counts no bytes for us.")
     unlearned = [
         f"task {found.task} {ARM_NAMES[arm]}"
-        for arm in run.scenario.arms
+        for arm in run.scenario.arm_names
         for found in run.results[arm]
         if not found.learned
     ]

@@ -50,7 +50,7 @@ def run_deployment(
         url = broker or _embedded_broker(launcher, console)
         recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
         common = ["--broker", url, "--run", run, *scenario_options]
-        if "maml" in scenario.arms:
+        if scenario.needs_datacenter:
             state = str(directory.path / "checkpoint")
             launcher.start("datacenter", "datacenter", [*common, "--state", state])
         for agent in scenario.agents:

@@ -16,7 +16,7 @@ from common.scenario import Scenario
 from fleet.recorder import Recorder
 
 _LINE_EVERY_S = 10.0
-ARM_NAMES = {"maml": "with MAML", "no_maml": "without MAML"}
+ARM_NAMES = {"maml": "with MAML", "fl": "without MAML"}
 
 
 class View:
@@ -48,7 +48,7 @@ class View:
         """One line for logs."""
         meta = self._meta_round()
         parts = [f"{self._recorder.elapsed_s:5.0f} s", f"MAML {meta}/{self._scenario.meta.t0}"]
-        for arm in self._scenario.arms:
+        for arm in self._scenario.arm_names:
             rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
             told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
             if told:
@@ -64,11 +64,11 @@ class View:
 
     def _stages(self) -> Table:
         table = Table("phase", "task", "round", "R", "", box=None, pad_edge=False)
-        if "maml" in self._scenario.arms:
+        if self._scenario.meta_methods:
             done, t0 = self._meta_round(), self._scenario.meta.t0
             table.add_row("MAML", "all", f"{done}/{t0}", "", ProgressBar(total=t0, completed=done, width=30))
         target = self._scenario.federation.target_reward
-        for arm in self._scenario.arms:
+        for arm in self._scenario.arm_names:
             for task in self._scenario.clusters:
                 row = self._cluster(arm, task)
                 if row is None:

@@ -78,7 +78,7 @@ def test_another_seed_gives_other_weights(outcome: Outcome) -> None:
 def test_there_is_a_row_for_each_robot_and_round(outcome: Outcome) -> None:
     counted = Counter((row.phase, row.arm, row.task, row.agent) for row in outcome.rows)
     expected: dict[Any, int] = {("maml", "maml", 1, 0): T0, ("maml", "maml", 1, 1): T0}  # task 1 trains, robot 1 sends
-    for arm in ("maml", "no_maml"):
+    for arm in ("maml", "fl"):
         expected |= {("fl", arm, task, agent): ROUNDS for task, agent in ((1, 1), (1, 2), (2, 3), (2, 4))}
     assert counted == expected
     assert {row.learned for row in outcome.rows if row.phase == "fl" and row.round == ROUNDS} == {False}
@@ -108,7 +108,7 @@ def test_the_clusters_reward_is_the_windowed_mean_of_its_robots_rewards(outcome:
 
 
 def test_learned_weights_are_safetensors_of_the_last_round(outcome: Outcome) -> None:
-    assert set(outcome.learned) == {("maml", 1), ("maml", 2), ("no_maml", 1), ("no_maml", 2)}
+    assert set(outcome.learned) == {("maml", 1), ("maml", 2), ("fl", 1), ("fl", 2)}
     shapes = {name: tensor.shape for name, tensor in to_weights(build_qnetwork(small().network)).items()}
     for payload in outcome.learned.values():
         tensors = safetensors.numpy.load(payload)
@@ -139,10 +139,10 @@ def test_every_shape_of_cluster_completes_and_moves_rounds_x_links_x_payload(ove
     scenario = small(*overrides)
     outcome = run_in_memory(scenario)
     assert len({row.agent for row in outcome.rows if row.agent}) == len(scenario.agents)
-    for arm in ("maml", "no_maml"):
+    for arm in ("maml", "fl"):
         messages = 2 * ROUNDS * links
         assert sidelink(outcome, arm) == (messages, messages * model_bytes(scenario))
-    assert set(outcome.learned) == {(arm, task) for arm in ("maml", "no_maml") for task in (1, 2)}
+    assert set(outcome.learned) == {(arm, task) for arm in ("maml", "fl") for task in (1, 2)}
 
 
 def test_uplink_and_downlink_move_what_the_equations_count(outcome: Outcome) -> None:
@@ -154,17 +154,17 @@ def test_uplink_and_downlink_move_what_the_equations_count(outcome: Outcome) -> 
     meta_bytes = len(encode_model(to_weights(build_qnetwork(scenario.network)), ModelHeader(task=0, agent=0, round=T0)))
     assert traffic(rows, "maml", topics.Link.DOWNLINK)[:2] == (4, 4 * meta_bytes)
     for link in (topics.Link.UPLINK, topics.Link.DOWNLINK):
-        assert traffic(rows, "no_maml", link).messages == 0
+        assert traffic(rows, "fl", link).messages == 0
 
 
 def test_a_task_that_is_learned_ends_early_and_says_so() -> None:
     # A target that any cluster reaches in its first round.
-    outcome = run_in_memory(small("federation.target_reward=-1e9", "arms=['no_maml']"))
+    outcome = run_in_memory(small("federation.target_reward=-1e9", "methods=['fl']"))
     ends = {(row.task, row.agent): (row.round, row.learned) for row in outcome.rows}
     assert ends == {(1, 1): (1, True), (1, 2): (1, True), (2, 3): (1, True), (2, 4): (1, True)}
 
 
-@pytest.mark.parametrize("arms", ["['maml']", "['no_maml']", "['no_maml', 'maml']"])
+@pytest.mark.parametrize("arms", ["['maml']", "['fl']", "['fl', 'maml']"])
 def test_any_choice_of_arms_completes_and_an_arm_does_not_depend_on_the_other(outcome: Outcome, arms: str) -> None:
     scenario = small(f"arms={arms}")
     alone = run_in_memory(scenario)
@@ -185,10 +185,10 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     overrides: list[str], offsets: dict[int, float], moved: float
 ) -> None:
     # Robot 1 learns nothing of its own; its neighbours are played here.
-    still = ["arms=['no_maml']", "federation.max_rounds=2", "learning.optimizer=sgd", "learning.lr=1e-30"]
+    still = ["methods=['fl']", "federation.max_rounds=2", "learning.optimizer=sgd", "learning.lr=1e-30"]
     scenario, hub = small(*still, *overrides), MemoryHub()
     hands = hub.connect("hands")
-    hands.subscribe(topics.weights("r", "no_maml", 1, 1))
+    hands.subscribe(topics.weights("r", "fl", 1, 1))
     for agent in offsets:
         hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
@@ -206,14 +206,14 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
                 rewards={agent: (round_, 0.0)},
             )  # fmt: skip
             payload = encode_model({name: tensor + np.float32(offset) for name, tensor in weights.items()}, theirs)
-            hands.publish(topics.weights("r", "no_maml", 1, agent), payload)
+            hands.publish(topics.weights("r", "fl", 1, agent), payload)
     assert ended(robot)
     for name, before in published[0].items():
         np.testing.assert_allclose(published[1][name] - before, moved, rtol=0, atol=1e-6)
 
 
 def test_the_meta_model_is_where_federated_learning_starts() -> None:
-    still = ["arms=['maml']", "federation.max_rounds=1", "learning.optimizer=sgd", "learning.lr=1e-30"]
+    still = ["methods=['maml']", "federation.max_rounds=1", "learning.optimizer=sgd", "learning.lr=1e-30"]
     scenario, hub = small(*still), MemoryHub()
     ears = hub.connect("ears")
     ears.subscribe(topics.snapshot("r", "maml", "+"), topics.weights("r", "maml", 1, 1))

@@ -170,16 +170,16 @@ def test_weights_of_another_arm_change_nothing() -> None:
     table.send(2, 1, 1.0)
     table.send(3, 1, 1.0)
     table.values(1)
-    table.exchange.open_arm("no_maml")
+    table.exchange.open_arm("fl")
     table.send(2, 1, 99.0, arm="maml")
-    table.send(3, 1, 30.0, arm="no_maml")
-    table.send(2, 1, 20.0, arm="no_maml")
+    table.send(3, 1, 30.0, arm="fl")
+    table.send(2, 1, 20.0, arm="fl")
     table.send(2, 1, 99.0, arm="maml")
     assert table.values(1) == {2: 20.0, 3: 30.0}
     table.send(2, 2, 98.0, arm="maml")
     gathering = Running(lambda: table.values(2))
-    table.send(3, 2, 31.0, arm="no_maml")
-    table.send(2, 2, 21.0, arm="no_maml")
+    table.send(3, 2, 31.0, arm="fl")
+    table.send(2, 2, 21.0, arm="fl")
     assert gathering.result() == {2: 21.0, 3: 31.0}
 
 

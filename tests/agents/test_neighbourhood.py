@@ -13,7 +13,7 @@ MAP = ". E . \n . * . \n . * . \n . X ."
 
 def scenario(robots: int, **federation: object) -> Scenario:
     data = {
-        "name": "t", "arms": ["no_maml"], "world": {"rows": 4, "cols": 3},
+        "name": "t", "arms": ["fl"], "world": {"rows": 4, "cols": 3},
         "federation": {"robots_per_cluster": robots, **federation},
         "tasks": [{"id": 1, "map": MAP}, {"id": 2, "map": MAP}],
     }  # fmt: skip

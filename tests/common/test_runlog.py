@@ -51,7 +51,7 @@ def test_the_finished_file_is_in_order_whatever_came_first(tmp_path: Path) -> No
         row(task=1, agent=1, round=2),
         row(task=1, agent=1, round=10),
         row(task=2, agent=3, round=1),
-        row(arm="no_maml", task=1, agent=1, round=1),
+        row(arm="fl", task=1, agent=1, round=1),
     ]
     for each in reversed(ordered):
         directory.round(each)

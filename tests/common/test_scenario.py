@@ -92,7 +92,7 @@ def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], message: str
 
 
 def test_without_the_maml_arm_the_meta_section_does_not_matter() -> None:
-    assert scenario_from(two_tasks(arms=["no_maml"], meta={"t0": 0, "training_tasks": [9]}), "x").arms == ("no_maml",)
+    assert scenario_from(two_tasks(methods=["fl"], meta={"t0": 0, "training_tasks": [9]}), "x").arms == ("fl",)
 
 
 def write(folder: Path, text: str) -> Path:
@@ -103,7 +103,7 @@ def write(folder: Path, text: str) -> Path:
 
 ONE_TASK = f"""
 name = "s"
-arms = ["no_maml"]
+methods=["fl"]
 world = {{ rows = 2, cols = 2 }}
 tasks = [{{ id = 1, map = '''
 {MAP}

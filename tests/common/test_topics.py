@@ -10,7 +10,7 @@ METERED = {
     topics.experience("r", "maml", 2, 3): ("jouleswarm/r/maml/ul/2/3/experience", Link.UPLINK, "maml"),
     topics.meta_model("r", "maml"): ("jouleswarm/r/maml/dl/meta", Link.DOWNLINK, "maml"),
     topics.meta_model("r", "maml", 3): ("jouleswarm/r/maml/dl/3/meta", Link.DOWNLINK, "maml"),
-    topics.weights("r", "no_maml", 2, 3): ("jouleswarm/r/no_maml/sl/2/3/weights", Link.SIDELINK, "fl"),
+    topics.weights("r", "fl", 2, 3): ("jouleswarm/r/fl/sl/2/3/weights", Link.SIDELINK, "fl"),
     topics.resend("r", "maml", 2, 3): ("jouleswarm/r/maml/ctl/2/3/resend", Link.CONTROL, "control"),
     topics.collect_again("r", "maml", 2, 3): ("jouleswarm/r/maml/ctl/2/3/collect", Link.CONTROL, "control"),
     topics.meta_round("r", "maml"): ("jouleswarm/r/maml/ctl/meta/round", Link.CONTROL, "control"),

@@ -21,7 +21,7 @@ from common.scenario import Scenario, scenario_from
 
 RUN = "made-up"
 T0 = 3
-ROUNDS = {"maml": {1: 4, 2: 6}, "no_maml": {1: 10, 2: 20}}
+ROUNDS = {"maml": {1: 4, 2: 6}, "fl": {1: 10, 2: 20}}
 ROBOTS = {1: (1, 2), 2: (3, 4)}
 SCENARIO = {
     "name": "made-up",
@@ -67,7 +67,7 @@ def _round_rows() -> list[RoundRow]:
             rows.append(RoundRow(phase="maml", arm="maml", task=task, agent=collector, round=round_, seconds=0.5))
     for arm, rounds in ROUNDS.items():
         for task, last in rounds.items():
-            learned = (arm, task) != ("no_maml", 2)
+            learned = (arm, task) != ("fl", 2)
             for round_ in range(1, last + 1):
                 for place, agent in enumerate(ROBOTS[task]):
                     rows.append(

@@ -109,8 +109,8 @@ def test_rounding_is_half_of_the_last_digit(printed: str, value: float, agrees: 
         ("maml", 42, (200e3, 500e3), BEST_SIDELINK),
         ("maml", 30, (200e3, 500e3), HEADLINE),
         ("maml", 30, (500e3, 200e3), BEST_UPLINK),
-        ("no_maml", 0, (200e3, 500e3), NO_MAML),
-        ("no_maml", 0, (500e3, 200e3), None),
+        ("fl", 0, (200e3, 500e3), NO_MAML),
+        ("fl", 0, (500e3, 200e3), None),
         ("maml", 210, (200e3, 400e3), None),
     ],
 )

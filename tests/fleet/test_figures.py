@@ -85,6 +85,6 @@ def test_figures_of_runs_with_little_in_them(write_run, facts, what: str) -> Non
         facts.rows.clear()
         run = load_run(write_run())
     else:
-        run = load_run(write_run(tasks=[{"id": 1, "map": "E .\n* .\nX ."}], arms=["no_maml"]))
+        run = load_run(write_run(tasks=[{"id": 1, "map": "E .\n* .\nX ."}], methods=["fl"]))
     assert isinstance(run.path, Path)
     assert set(inline_svgs(run, run.scenario.energy)) == {"energy", "rounds", "rewards", "bytes"}

@@ -55,8 +55,8 @@ def test_counts_in_whole_packets(facts) -> None:
 
 
 def test_tasks_add_up_to_their_arm(facts) -> None:
-    per_task = [counts(facts.rows, facts.meter_rows, "no_maml", task=task) for task in (1, 2)]
-    assert per_task[0] + per_task[1] == counts(facts.rows, facts.meter_rows, "no_maml")
+    per_task = [counts(facts.rows, facts.meter_rows, "fl", task=task) for task in (1, 2)]
+    assert per_task[0] + per_task[1] == counts(facts.rows, facts.meter_rows, "fl")
 
 
 def test_an_onlookers_copies_are_not_counted(facts) -> None:
@@ -91,7 +91,7 @@ def test_rounds_and_rewards_of_each_task(facts) -> None:
         TaskResult(task=1, rounds=4, reward=55.0, rmse_m=1.25, learned=True),
         TaskResult(task=2, rounds=6, reward=55.0, rmse_m=1.25, learned=True),
     ]
-    assert task_results(facts.scenario, facts.rows, "no_maml", [2]) == [
+    assert task_results(facts.scenario, facts.rows, "fl", [2]) == [
         TaskResult(task=2, rounds=20, reward=-20.0, rmse_m=1.25, learned=False)
     ]
 
@@ -103,7 +103,7 @@ def test_a_task_without_rows_was_not_learned(facts) -> None:
 def test_a_run_cut_before_its_last_row_is_judged_by_its_reward(facts) -> None:
     cut = [row.model_copy(update={"learned": None}) for row in facts.rows]
     assert [result.learned for result in task_results(facts.scenario, cut, "maml")] == [True, True]
-    assert [result.learned for result in task_results(facts.scenario, cut, "no_maml")] == [True, False]
+    assert [result.learned for result in task_results(facts.scenario, cut, "fl")] == [True, False]
 
 
 def test_summary(facts) -> None:
@@ -111,24 +111,24 @@ def test_summary(facts) -> None:
     assert (summary["seed"], summary["t0"], summary["status"], summary["metered_by"]) == (
         7, 3, "complete", "broker",
     )  # fmt: skip
-    maml, no_maml = summary["arms"]["maml"], summary["arms"]["no_maml"]
+    maml, fl = summary["arms"]["maml"], summary["arms"]["fl"]
     assert maml["energy_j"]["literal"] == pytest.approx(LITERAL_MAML)
-    assert no_maml["energy_j"]["literal"] == pytest.approx(LITERAL_NO_MAML)
+    assert fl["energy_j"]["literal"] == pytest.approx(LITERAL_NO_MAML)
     assert maml["tasks"][0] == {"task": 1, "rounds": 4, "reward": 55.0, "rmse_m": 1.25, "learned": True}
     assert maml["bytes"]["uplink"] == {"messages": 120, "payload": 120_000, "packet": 132_000}
     assert maml["bytes"]["downlink"] == {"messages": 4, "payload": 20_000, "packet": 20_200}
-    assert no_maml["bytes"]["uplink"] == {"messages": 0, "payload": 0, "packet": 0}
+    assert fl["bytes"]["uplink"] == {"messages": 0, "payload": 0, "packet": 0}
     assert summary["shared_control"] == {"messages": 2, "payload": 80, "packet": 180}
     assert json.loads(json.dumps(summary)) == summary
 
 
 def test_published_totals_have_no_parts(facts) -> None:
     summary = summarise(facts.scenario, facts.rows, facts.meter_rows)
-    published = {arm: summary["arms"][arm]["energy_j"]["published"] for arm in ("maml", "no_maml")}
+    published = {arm: summary["arms"][arm]["energy_j"]["published"] for arm in ("maml", "fl")}
     nothing = {"ml_learning": None, "ml_communication": None, "fl_learning": None, "fl_communication": None}
     # 3 x 352.4 J + 10 x 246.3 J, and 30 x 246.3 J
     assert published["maml"] == {**nothing, "total": pytest.approx(3520.2)}
-    assert published["no_maml"] == {
+    assert published["fl"] == {
         **nothing, "ml_learning": 0.0, "ml_communication": 0.0, "total": pytest.approx(7389.0),
     }  # fmt: skip
 

@@ -89,7 +89,7 @@ def test_it_waits_for_the_counters_of_every_process(table: Table) -> None:
 
 
 def test_an_arm_without_meta_learning_has_no_data_center_to_wait_for(scenario: Scenario, tmp_path: Path) -> None:
-    table = Table(scenario.model_copy(update={"arms": ("no_maml",)}), tmp_path / "run")
+    table = Table(scenario.model_copy(update={"arms": ("fl",)}), tmp_path / "run")
     assert sorted(table.recorder.waiting_for) == ["agent-1", "agent-2"]
 
 
@@ -115,14 +115,14 @@ def test_models_are_kept_under_their_names(table: Table) -> None:
     learned, meta = (
         encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=task, agent=task, round=42)) for task in (1, 0)
     )
-    table.others.publish(topics.learned(RUN, "no_maml", 1), learned)
+    table.others.publish(topics.learned(RUN, "fl", 1), learned)
     table.others.publish(topics.snapshot(RUN, "maml", 42), meta)
     # what cannot be read afterwards does not take the place of what can
-    table.others.publish(topics.learned(RUN, "no_maml", 1), learned[:-1])
+    table.others.publish(topics.learned(RUN, "fl", 1), learned[:-1])
     table.others.publish(topics.snapshot(RUN, "maml", 42), b"garbage")
     table.pump()
     kept = {path.name: path.read_bytes() for path in (table.path / "weights").iterdir()}
-    assert kept == {"no_maml-task1.safetensors": learned, "meta-t0042.safetensors": meta}
+    assert kept == {"fl-task1.safetensors": learned, "meta-t0042.safetensors": meta}
 
 
 @pytest.mark.parametrize(

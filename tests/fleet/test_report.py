@@ -46,7 +46,7 @@ def test_a_complete_run_is_read_whole(complete, facts) -> None:
     run = load_run(complete)
     assert (run.name, run.status, run.t0, run.cut) == ("made-up", "complete", 3, [])
     assert (len(run.rows), len(run.meter_rows), len(run.progress)) == (len(facts.rows), len(facts.meter_rows), 3)
-    assert run.rounds("no_maml") == {1: 10, 2: 20}
+    assert run.rounds("fl") == {1: 10, 2: 20}
 
 
 def test_an_interrupted_run_is_read_as_far_as_it_got(interrupted, facts) -> None:
@@ -197,7 +197,7 @@ def test_verdict_says_whether_meta_learning_pays(complete) -> None:
 
 
 def test_no_verdict_on_one_arm(write_run, facts) -> None:
-    run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows), arms=["no_maml"]))
+    run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows), methods=["fl"]))
     assert verdicts(run, run.scenario.energy) == []
     print_report(run, console=Console(file=io.StringIO()))
 

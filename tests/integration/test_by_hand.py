@@ -108,7 +108,7 @@ def test_an_external_broker_serves_and_the_clients_counters_feed_the_bill(
     assert done.figures == small_run.figures
     assert done.weights == small_run.weights
     # What mosquitto_sub heard on the way is nobody's energy: the bill is as without it.
-    for arm, name_bytes in (("maml", 3), ("no_maml", 3)):  # `external` is three bytes longer than `small`
+    for arm, name_bytes in (("maml", 3), ("fl", 3)):  # `external` is three bytes longer than `small`
         for link in ("uplink", "downlink", "sidelink"):
             ours, theirs = (each.summary["arms"][arm]["bytes"][link] for each in (done, small_run))
             assert ours["payload"] == theirs["payload"]
@@ -149,7 +149,7 @@ def test_a_robot_that_dies_ends_the_recording_with_its_name(
     by_hand: Any, broker: str, small: Any, onlooker: Any, read_run: Any
 ) -> None:
     hand = by_hand(
-        broker, overrides=(*small, "federation.max_rounds=200", "bus.connect_timeout_s=1", "arms=['no_maml']")
+        broker, overrides=(*small, "federation.max_rounds=200", "bus.connect_timeout_s=1", "methods=['fl']")
     )
     ears = onlooker(broker, topics.telemetry(NAME, "+", "+"))
     recorder = hand.recorder()

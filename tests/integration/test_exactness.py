@@ -60,7 +60,7 @@ def test_sidelink_bytes_are_rounds_x_links_x_payload(small_run: Any) -> None:
     topic = len("jouleswarm/small/maml/sl/1/1/weights")
     packet = 1 + 3 + 2 + topic + 2 + payload  # 16 384 <= remaining length < 2 097 152: three bytes
     assert 16_384 < payload < 2_000_000
-    for arm, longer in (("maml", 0), ("no_maml", len("no_"))):
+    for arm, longer in (("maml", 0), ("fl", len("no_"))):
         messages = 2 * ROUNDS * 2  # clusters x rounds x directed links
         expected = {"messages": messages, "payload": messages * payload, "packet": messages * (packet + longer)}
         assert small_run.summary["arms"][arm]["bytes"]["sidelink"] == expected
@@ -73,7 +73,7 @@ def test_the_same_scenario_and_seed_again_give_the_same_figures_and_bits(
     assert again.figures == small_run.figures
     assert again.weights == small_run.weights
     for link in ("uplink", "downlink", "sidelink"):
-        for arm in ("maml", "no_maml"):
+        for arm in ("maml", "fl"):
             ours, theirs = (run.summary["arms"][arm]["bytes"][link] for run in (again, small_run))
             assert (ours["messages"], ours["payload"]) == (theirs["messages"], theirs["payload"])
 

@@ -69,7 +69,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_run(
 
 
 def test_a_launcher_that_is_killed_takes_its_processes_along(start: Any, eventually: Any, tmp_path: Path) -> None:
-    options = ["--out", str(tmp_path), "--run-id", "r", *sets((*LONG, "arms=['no_maml']", "bus.connect_timeout_s=1"))]
+    options = ["--out", str(tmp_path), "--run-id", "r", *sets((*LONG, "methods=['fl']", "bus.connect_timeout_s=1"))]
     run = start.jouleswarm("run", TOY, *options, TEST_MARK=str(tmp_path))
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")
     run.process.kill()
@@ -79,7 +79,7 @@ def test_a_launcher_that_is_killed_takes_its_processes_along(start: Any, eventua
 def test_a_process_that_is_killed_ends_the_run_with_its_name(
     start: Any, eventually: Any, read_run: Any, tmp_path: Path
 ) -> None:
-    run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets((*LONG, "arms=['no_maml']")))
+    run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets((*LONG, "methods=['fl']")))
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")
     family = run.family
     (fork_server,) = (
@@ -99,7 +99,7 @@ def test_a_process_that_is_killed_ends_the_run_with_its_name(
 def test_a_broker_that_dies_ends_the_run_and_says_so(start: Any, eventually: Any, tmp_path: Path) -> None:
     run = start.jouleswarm(
         "run", TOY, "--out", str(tmp_path), "--run-id", "r",
-        *sets((*LONG, "arms=['no_maml']", "bus.connect_timeout_s=1")),
+        *sets((*LONG, "methods=['fl']", "bus.connect_timeout_s=1")),
     )  # fmt: skip
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")
     family = run.family
@@ -118,7 +118,7 @@ def test_a_robot_that_ends_with_an_error_shows_it(start: Any, tmp_path: Path) ->
     # The loss overflows in the first gradient steps.
     run = start.jouleswarm(
         "run", TOY, "--out", str(tmp_path), "--run-id", "r",
-        *sets(("arms=['no_maml']", "learning.optimizer=sgd", "learning.lr=1e38", "learning.grad_clip=1e38")),
+        *sets(("methods=['fl']", "learning.optimizer=sgd", "learning.lr=1e38", "learning.grad_clip=1e38")),
     )  # fmt: skip
     assert run.ends() == 5
     assert "ended with code 4" in run.printed
@@ -195,7 +195,7 @@ def test_every_option_of_a_robot_is_taken_from_the_environment_too(start: Any, n
 
 
 def test_a_data_center_without_an_arm_to_serve_says_so(start: Any) -> None:
-    process = start.python("datacenter", "--scenario", TOY, *sets(("arms=['no_maml']",)))
+    process = start.python("datacenter", "--scenario", TOY, *sets(("methods=['fl']",)))
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert "need no data center" in line

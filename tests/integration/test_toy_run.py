@@ -14,7 +14,7 @@ from common.qnetwork import build_qnetwork, shapes_of
 from common.runlog import RoundRow
 from common.scenario import scenario_from
 
-ARMS = ("maml", "no_maml")
+ARMS = ("maml", "fl")
 LINKS = {"uplink", "downlink", "sidelink", "control"}
 PARTS = {"ml_learning", "ml_communication", "fl_learning", "fl_communication", "total"}
 
@@ -58,7 +58,7 @@ def test_meter_rows_are_final_and_each_there_once(toy_run: Any) -> None:
     keys = Counter((row.side, row.topic, row.client, row.direction) for row in rows)
     assert set(keys.values()) == {1}
     assert {row.side for row in rows} == {"broker", "client"}
-    assert {row.arm for row in rows} == {"maml", "no_maml", "all"}
+    assert {row.arm for row in rows} == {"maml", "fl", "all"}
     assert {row.client for row in rows} == {"datacenter", "recorder", "agent-1", "agent-2", "agent-3", "agent-4"}
     assert all(row.packet_bytes > row.payload_bytes for row in rows)
     assert all(row.topic.startswith("jouleswarm/toy/") for row in rows)
@@ -114,7 +114,7 @@ def test_payload_messages_are_rounds_times_directed_links(toy_run: Any) -> None:
         assert arms[arm]["bytes"]["sidelink"]["messages"] == 2 * rounds
     assert arms["maml"]["bytes"]["uplink"]["messages"] == 3 * 10  # t0 x motions
     assert arms["maml"]["bytes"]["downlink"]["messages"] == 4  # robots
-    assert arms["no_maml"]["bytes"]["uplink"]["messages"] == arms["no_maml"]["bytes"]["downlink"]["messages"] == 0
+    assert arms["fl"]["bytes"]["uplink"]["messages"] == arms["fl"]["bytes"]["downlink"]["messages"] == 0
 
 
 def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_library(toy_run: Any) -> None:
