@@ -76,8 +76,8 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"tasks": [{"id": 1, "map": MAP}, {"id": 1, "map": MAP}]}, r"tasks have ids \[1, 1\]"),
         ({"tasks": [{"id": 1, "map": MAP, "rewards": [1, 2]}]}, "task 1: 2 rewards, expected 4"),
         ({"tasks": [{"id": 1}]}, "tasks.0.map: Field required"),
-        ({"arms": []}, "arms: name each arm once"),
-        ({"arms": ["maml", "maml"]}, "arms: name each arm once"),
+        ({"methods": []}, "methods: name each method once"),
+        ({"methods": ["maml", "maml"]}, "methods: name each method once"),
         ({"meta": {"t0": 0, "training_tasks": [1]}}, "meta.t0 is 0, expected 1 or more"),
         ({"meta": {"training_tasks": [1, 2]}}, r"meta.training_tasks \(1, 2\) are not all among the tasks \[1, 4\]"),
         ({"meta": {"t0": 3, "snapshots": [2, 4], "training_tasks": [1]}}, "snapshots .* reach past meta.t0 = 3"),
@@ -92,7 +92,7 @@ def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], message: str
 
 
 def test_without_the_maml_arm_the_meta_section_does_not_matter() -> None:
-    assert scenario_from(two_tasks(methods=["fl"], meta={"t0": 0, "training_tasks": [9]}), "x").arms == ("fl",)
+    assert scenario_from(two_tasks(methods=["fl"], meta={"t0": 0, "training_tasks": [9]}), "x").arm_names == ("fl",)
 
 
 def write(folder: Path, text: str) -> Path:
