@@ -60,7 +60,7 @@ def test_sidelink_bytes_are_rounds_x_links_x_payload(small_run: Any) -> None:
     topic = len("jouleswarm/small/maml/sl/1/1/weights")
     packet = 1 + 3 + 2 + topic + 2 + payload  # 16 384 <= remaining length < 2 097 152: three bytes
     assert 16_384 < payload < 2_000_000
-    for arm, longer in (("maml", 0), ("fl", len("no_"))):
+    for arm, longer in (("maml", 0), ("fl", len("fl") - len("maml"))):
         messages = 2 * ROUNDS * 2  # clusters x rounds x directed links
         expected = {"messages": messages, "payload": messages * payload, "packet": messages * (packet + longer)}
         assert small_run.summary["arms"][arm]["bytes"]["sidelink"] == expected
