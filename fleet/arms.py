@@ -1,8 +1,8 @@
 """What arms are called and how they are coloured, in reports, figures and the live view.
 
-Colours are Okabe and Ito's, told apart by colour-blind readers, with grey as the ninth (and their yellow darkened: on
-white it cannot be seen). As in the paper, MAML is orange and learning without transfer is blue. Arms that start from
-an earlier meta-model of a method have its colour, paler the earlier the model.
+Colours are Okabe and Ito's, told apart by colour-blind readers, with a brown as the ninth. As in the paper, MAML is
+orange and learning without transfer is blue. Arms that start from an earlier meta-model of a method have its colour,
+paler the earlier the model.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ METHOD_LABELS = {
 }
 METHOD_COLOURS = {
     "fl": "#0072B2",
-    "isolated": "#999999",
+    "isolated": "#703010",
     "fedavg": "#56B4E9",
     "centralized": INK,
     "maml": "#E69F00",
     "fomaml": "#D55E00",
     "reptile": "#CC79A7",
-    "anil": "#C8BA00",
+    "anil": "#F0E442",
     "multitask": "#009E73",
 }
 _PALEST = 0.4  # of a method's colour, the rest is white

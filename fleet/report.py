@@ -82,7 +82,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
 def _table(text: TextTable) -> Table:
     table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
     for place, heading in enumerate(text.headings):
-        table.add_column(heading, justify="right" if place else "left")
+        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
     for number, row in enumerate(text.rows):
         strong = number in text.strong
         table.add_row(*row, style="bold" if strong else "", end_section=strong)

@@ -16,7 +16,7 @@ from common.settings import Energy
 from fleet.arms import INK, colours
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.pricing import meta_counts, task_counts
-from fleet.report_canvas import FEW, arm_patches, hatched, new_figure
+from fleet.report_canvas import FEW, LEGEND_COLUMNS, SOME, arm_patches, hatched, legend_in, new_figure
 from fleet.report_data import Run
 from fleet.report_text import NOT_LEARNED
 
@@ -36,7 +36,7 @@ Bars = dict[str, list[tuple[float, float]]]  # arm -> (learning, communication) 
 def energy_figure(run: Run, energy: Energy) -> Figure:
     """Fig. 3a: E_ML and E_FL(t_i), arm beside arm, and the totals."""
     few = len(run.scenario.arms) <= FEW
-    figure = new_figure(2.6 if few else 3.6)
+    figure = new_figure(2.6 if few else 3.0 + legend_in(len(run.scenario.arms) + 2))
     left, right = figure.subplots(1, 2, width_ratios=[4.5, 1 if few else 1.6])
     bars: Bars = {arm: _stage_bars(run, arm, energy) for arm in run.scenario.arm_names}
     totals: Bars = {
@@ -49,7 +49,7 @@ def energy_figure(run: Run, energy: Energy) -> Figure:
     for axes, held, names in ((left, bars, stages), (right, totals, ["$E$, eq. (12)"])):
         _energy_bars(axes, held, factor, colours(run.scenario), numbered=few or axes is right)
         axes.set_xticks(range(len(names)), names)
-        axes.margins(x=0.02 if axes is left else 0.25, y=0.14)
+        axes.margins(x=0.02 if axes is left else 0.25 if few else 0.05, y=0.14)
     left.set_ylabel(f"energy ({unit})")
     causes = [Patch(facecolor="#bbbbbb", label="learning"), Patch(**hatched("#bbbbbb"), label="communication")]
     _legend(figure, left, [*arm_patches(run), *causes], few)
@@ -59,7 +59,7 @@ def energy_figure(run: Run, energy: Energy) -> Figure:
 def rounds_figure(run: Run, energy: Energy) -> Figure:
     """Fig. 3b: t0 and t_i, arm beside arm. `energy` plays no part."""
     few = len(run.scenario.arms) <= FEW
-    figure = new_figure(2.4 if few else 3.4)
+    figure = new_figure(2.4 if few else 2.8 + legend_in(len(run.scenario.arms) + 1))
     axes = figure.subplots()
     held, meta = colours(run.scenario), bool(run.scenario.meta_methods)
     for place, arm in enumerate(run.scenario.arm_names):
@@ -69,7 +69,8 @@ def rounds_figure(run: Run, energy: Energy) -> Figure:
         for x, value, done in zip(at, values, learned, strict=True):
             if value:
                 axes.bar(x, value, width, color=held[arm])
-                text = f"{value:g}" if done else f"{value:g} {NOT_LEARNED}"
+                number = f"{value:g}" if len(held) <= SOME else ""
+                text = number if done else f"{number} {NOT_LEARNED}"
                 axes.annotate(text, (x, value), **_above(len(held)))
     names = ["$t_0$"] * meta + [f"$t_{{{task}}}$" for task in run.scenario.clusters]
     axes.set_xticks(range(len(names)), names)
@@ -131,4 +132,4 @@ def _legend(figure: Figure, axes: Axes, handles: list[Any], few: bool) -> None:
     if few:
         axes.legend(handles=handles, ncols=2, loc="best")
     else:
-        figure.legend(handles=handles, ncols=4, loc="outside upper center")
+        figure.legend(handles=handles, ncols=LEGEND_COLUMNS, loc="outside upper center")

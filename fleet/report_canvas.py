@@ -17,8 +17,12 @@ from fleet.report_data import Run
 
 FEW = 3
 """Up to so many arms, every bar has its number and every robot its line; beyond they would cover each other."""
+SOME = 9
+"""Up to so many arms, a bar has room for a number on end."""
+LEGEND_COLUMNS = 4
 
 _WIDTH_IN = 7.0
+_LEGEND_ROW_IN = 0.17
 
 
 def new_figure(height_in: float) -> Figure:
@@ -32,6 +36,11 @@ def arm_patches(run: Run) -> list[Patch]:
     """The arms' entries of a legend."""
     held = colours(run.scenario)
     return [Patch(facecolor=held[arm], label=name) for arm, name in labels(run.scenario).items()]
+
+
+def legend_in(arms: int) -> float:
+    """Height of a legend of arms above a drawing, beyond the first row."""
+    return _LEGEND_ROW_IN * ((arms - 1) // LEGEND_COLUMNS)
 
 
 def hatched(colour: str) -> dict[str, Any]:

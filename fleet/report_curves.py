@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from common.settings import Energy
 from common.topics import Link
 from fleet.arms import INK, colours
-from fleet.report_canvas import FEW, arm_patches, new_figure
+from fleet.report_canvas import FEW, LEGEND_COLUMNS, arm_patches, legend_in, new_figure
 from fleet.report_data import Run
 
 LINK_STYLES = {
@@ -28,7 +28,7 @@ def rewards_figure(run: Run, energy: Energy) -> Figure:
     tasks = list(run.scenario.clusters)
     across = min(3, len(tasks))
     down = math.ceil(len(tasks) / across)
-    figure = new_figure(1.9 * down + 0.3)
+    figure = new_figure(1.9 * down + 0.3 + legend_in(len(run.scenario.arms)))
     grid = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
     for axes, task in zip(grid, tasks, strict=False):
         for arm, colour in colours(run.scenario).items():
@@ -43,7 +43,7 @@ def rewards_figure(run: Run, energy: Energy) -> Figure:
             axes.set_ylabel("running reward R")
         if place + across >= len(tasks):
             axes.set_xlabel("round")
-    figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=4)
+    figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
     return figure
 
 

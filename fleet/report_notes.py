@@ -61,12 +61,13 @@ def notes(run: Run, energy: Energy) -> list[str]:
 
 
 def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
-    told = []
+    found: dict[str, list[str]] = {"pays": [], "does not pay": []}
     for ours, theirs in zip(columns(run, arm.name, energy), columns(run, BASELINE, energy), strict=True):
         ours_j, theirs_j = ours.joules["total"], theirs.joules["total"]
         if ours_j and theirs_j is not None:
             ratio = theirs_j / ours_j
-            told.append(f"{'pays' if ratio > 1 else 'does not pay'}, {ratio:.2f}x ({ours.label})")
+            found["pays" if ratio > 1 else "does not pay"].append(f"{ratio:.2f}x ({ours.label})")
+    told = [f"{verdict} {', '.join(ratios)}" for verdict, ratios in found.items() if ratios]
     return f"{label(arm)} against {METHOD_LABELS[BASELINE]}: {'; '.join(told)}" if told else ""
 
 

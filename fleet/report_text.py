@@ -47,10 +47,10 @@ def rewards_table(run: Run) -> TextTable:
     """Running reward and path error of each task."""
     rows = []
     for arm, name in labels(run.scenario).items():
-        cells = [f"{number_text(each.reward)} / {number_text(each.rmse_m, 2)}" for each in run.results[arm]]
+        cells = [f"{number_text(each.reward)}/{number_text(each.rmse_m, 2)}" for each in run.results[arm]]
         rows.append([name, *cells])
     headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
-    return TextTable("Running reward R / path error, RMSE in m, at the end", headings, rows)
+    return TextTable("At the end: running reward R/path error (RMSE in m)", headings, rows)
 
 
 def totals_table(run: Run, energy: Energy) -> TextTable:
@@ -58,6 +58,7 @@ def totals_table(run: Run, energy: Energy) -> TextTable:
     held = {name: columns(run, arm, energy) for arm, name in labels(run.scenario).items()}
     rows = [[name, *(_total_text(column) for column in found)] for name, found in held.items()]
     headings = ["arm", *(column.label for column in next(iter(held.values())))]
+    headings[1] += " (its t0)"
     return TextTable("E, eq. (12), by each way to know it", headings, rows)
 
 
@@ -117,4 +118,4 @@ def bytes_table(run: Run, energy: Energy) -> TextTable:
 
 def _total_text(column: Column) -> str:
     text = joules_text(column.joules["total"])
-    return f"{text} ({column.about})" if column.about else text
+    return f"{text} ({column.about.removeprefix('t0 = ')})" if column.about else text

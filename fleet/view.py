@@ -54,7 +54,7 @@ class View:
             rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
             told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
             if told:
-                parts.append(f"{arm} " + " ".join(told))
+                parts.append(f"{arm} done" if self._is_over(arm) else f"{arm} " + " ".join(told))
         moved = self._recorder.received_bytes
         parts.append(" ".join(f"{link} {count / 1e6:.1f} MB" for link, count in moved.items() if count))
         return " | ".join(parts)

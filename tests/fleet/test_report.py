@@ -200,9 +200,9 @@ def test_verdict_says_whether_meta_learning_pays(complete) -> None:
     run = load_run(complete)
     (line,) = verdicts(run, run.scenario.energy)
     assert line.startswith("MAML, t0 = 3 against FL, no transfer: ")
-    assert "pays, 2.14x (paper)" in line  # 227 / 106 kJ
-    assert "pays, 2.10x (published prices)" in line  # 7389 / 3520.2 J
-    assert "does not pay, 0.77x (measured payload)" in line  # 2452.8 / 3187.92 J
+    assert "pays 2.14x (paper), " in line  # 227 / 106 kJ
+    assert "2.10x (published prices); does not pay " in line  # 7389 / 3520.2 J
+    assert "0.77x (measured payload)" in line  # 2452.8 / 3187.92 J
 
 
 def test_no_verdict_on_one_arm(write_run, facts) -> None:

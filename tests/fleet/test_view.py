@@ -165,6 +165,14 @@ def test_an_arm_that_is_over_is_one_row(isolated: tuple[Scenario, Recorder, Any]
     scenario, recorder, say = isolated
     for agent, round_, learned in ((1, 3, True), (2, 7, True), (3, 20, False), (4, 5, True)):
         say(agent, round_, learned)
-    text = shown(View(Console(file=io.StringIO()), scenario, recorder))
+    view = View(Console(file=io.StringIO()), scenario, recorder)
+    text = shown(view)
+    assert "isolated done" in view.line()
     # the last robots stopped in rounds 7 and 20; robot 3 had not learned
     assert line_with(text, "isolated robots") == ["isolated", "robots", "all", "sum", "27", "1", "of", "2", "learned"]
+
+
+def test_sidelinks_via_the_base_station_are_priced_at_the_end(scenario: Scenario, recorder: Recorder) -> None:
+    energy = scenario.energy.model_copy(update={"sidelink": "via_base_station"})
+    view = View(Console(file=io.StringIO()), scenario.model_copy(update={"energy": energy}), recorder)
+    assert line_with(shown(view), "sidelink") == ["sidelink", "1.5", "at", "the", "end"]
