@@ -36,7 +36,7 @@ def scenario() -> Scenario:
     return scenario_from(
         {
             "name": "t", "seed": 4, "world": {"rows": 3, "cols": 2}, "meta": {"t0": 1, "training_tasks": [1]},
-            "bus": {"connect_timeout_s": 0.05}, "tasks": [{"id": 1, "map": "E . \n * . \n X ."}],
+            "bus": {"connect_timeout_s": 0.3}, "tasks": [{"id": 1, "map": "E . \n * . \n X ."}],
         },
         "test",
     )  # fmt: skip
@@ -66,7 +66,7 @@ class Table:
         self.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
 
     def pump(self) -> None:
-        self.recorder.pump(0.01)
+        self.recorder.pump(0.05)  # a busy machine takes its time
 
     def json(self, name: str) -> Any:
         return json.loads((self.path / name).read_text())

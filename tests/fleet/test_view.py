@@ -48,7 +48,7 @@ def recorder(scenario: Scenario, tmp_path: Path) -> Recorder:
         say(f"agent-{agent}", 500_000, phase="fl", task=1, agent=agent, round=7, cluster_reward=51.26, learned=True)
     say("agent-3", 250_000, phase="fl", task=2, agent=3, round=2, cluster_reward=-4.0)
     say("agent-4", 250_000, phase="fl", task=2, agent=4, round=3, cluster_reward=-4.0)
-    recorder.pump(0.01)
+    recorder.pump(0.05)
     return recorder
 
 
@@ -125,7 +125,7 @@ def test_the_data_centers_stage_is_shown_of_every_meta_learning_method(scenario:
         )
         told = encode_json(Telemetry(row=row, received={}))
         center.publish(topics.telemetry(RUN, arm, "datacenter"), told)
-    recorder.pump(0.01)
+    recorder.pump(0.05)
     view = View(Console(file=io.StringIO()), scenario, recorder)
     assert "4/5" in line_with(shown(view), "data center: Reptile", "all")
     assert "0/5" in line_with(shown(view), "data center: MAML", "all")
@@ -147,7 +147,7 @@ def isolated(scenario: Scenario, tmp_path: Path) -> tuple[Scenario, Recorder, An
         )  # fmt: skip
         told = encode_json(Telemetry(row=row, received={}))
         robots.publish(topics.telemetry(RUN, "isolated", f"agent-{agent}"), told)
-        recorder.pump(0.01)
+        recorder.pump(0.05)
 
     return scenario, recorder, say
 
