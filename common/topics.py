@@ -155,6 +155,11 @@ def arm_of(topic: str) -> str:
     return topic.split("/", 4)[2]
 
 
+def task_of(topic: str) -> str:
+    """The level of an experience, weights or model topic that holds its task's id."""
+    return topic.split("/", 5)[4]
+
+
 def phase_of(topic: str) -> str:
     """Learning phase (maml, fl or control) that a metered topic's bytes belong to."""
     link = link_of(topic)

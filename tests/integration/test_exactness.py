@@ -86,7 +86,7 @@ def test_robots_as_threads_over_the_in_memory_bus_come_to_the_same_bits(
     outcome = run_in_memory(scenario_from(run.manifest["scenario"], "manifest"))
     assert [row.model_dump(exclude={"seconds"}) for row in outcome.rows] == run.figures
     kept = {f"{arm}-task{task}.safetensors": payload for (arm, task), payload in outcome.learned.items()}
-    kept |= {f"meta-t{round_:04d}.safetensors": payload for round_, payload in outcome.snapshots.items()}
+    kept |= {f"{arm}-meta-t{t0:04d}.safetensors": payload for (arm, t0), payload in outcome.snapshots.items()}
     assert kept == run.weights
 
 
