@@ -18,6 +18,7 @@ from common.bill import Cost as Cost
 from common.bill import Counts as Counts
 from common.bill import PublishedBill as PublishedBill
 from common.bill import StageCounts as StageCounts
+from common.errors import ConfigurationError
 from common.settings import Energy, Federation
 
 BITS_PER_BYTE = 8
@@ -83,7 +84,12 @@ def price(counts: Counts, energy: Energy) -> Cost:
     Direct sidelinks: E_kh on every delivered byte. Via the base station, E_kh = E_k0 + gamma E_0h: the robot sends
     a message up once (`sidelink_sent_bytes`) and the station delivers it to each neighbour (`sidelink_bytes`). With
     one neighbour that is the paper's formula; with more it is cheaper, as a broker needs one copy only.
+
+    Raises:
+        ConfigurationError: beta is to be the measured one, which only a run's rows know.
     """
+    if energy.beta == "measured":
+        raise ConfigurationError('beta is "measured", expected a number by now: see fleet/beta.py')
     center_gradients = counts.gradients_support + energy.beta * counts.gradients_query
     down_bit_per_j = downlink_bit_per_j(energy)
     if energy.sidelink == "direct":

@@ -21,6 +21,9 @@ METHODS: dict[str, str] = {
 META_METHODS = ("maml", "fomaml", "reptile", "anil", "multitask")
 """Methods that train a model in the data center first, for robots to start from."""
 
+EXACT_METHODS = ("maml", "anil")
+"""Meta methods that differentiate through the adaptation, eq. (5)."""
+
 SERVED_METHODS = ("fedavg", "centralized")
 """Methods in which the data center takes part in every round."""
 

@@ -51,6 +51,8 @@ class RoundRow(BaseModel):
     """Batch gradients really computed; of the data center support + query."""
     gradients_support: int | None = None
     gradients_query: int | None = None
+    beta: float | None = None
+    """Cost of an exact meta-gradient over a first-order one, where the data center measured it."""
     experience_bytes: int | None = None
     """Payload bytes of raw observations that the data center's round was learned from."""
     learned: bool | None = None

@@ -132,7 +132,9 @@ class Energy(Section):
     pk_w: PositiveFloat = Field(5.1, description="P_k, robot power")
     tk_batch_s: PositiveFloat = Field(0.400, description="T_k, robot time of one batch gradient")
     pue: float = Field(1.67, ge=1, description="gamma")
-    beta: float = Field(1.0, ge=1, description="cost of a meta-gradient over a first-order one")
+    beta: Annotated[float, Field(ge=1)] | Literal["measured"] = Field(
+        1.0, description="cost of an exact meta-gradient over a first-order one, or: measured by the data center"
+    )
     ul_bit_per_j: PositiveFloat = 200e3
     sl_bit_per_j: PositiveFloat = 500e3
     dl_bit_per_j: PositiveFloat | None = Field(None, description="default: as uplink (the paper gives none)")

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from common import topics
 from common.bus import Bus
-from common.methods import Method
+from common.methods import EXACT_METHODS, Method
 from common.payloads import ModelHeader, encode_model
 from common.reports import leave, publish_row
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, RoundMotions
 from datacenter.collector import Collector
 from datacenter.metalearner import Gradients, MetaLearner
@@ -41,6 +42,9 @@ def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoin
     learner, collector = MetaLearner(scenario, method), Collector(bus, scenario, run, method)
     done, models = checkpoint.restore(learner), checkpoint.models()
     collector.join(done)
+    beta = None
+    if scenario.energy.beta == "measured":
+        beta = measure_beta(scenario, method).beta_time if method in EXACT_METHODS else 1.0
     for round_ in range(done + 1, settings.t0 + 1):
         # One round ahead: robots move while the data center learns.
         collector.announce_wanted(round_, min(round_ + 1, settings.t0))
@@ -57,7 +61,7 @@ def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoin
                 models[round_] = payload
                 checkpoint.keep_model(round_, payload)
         checkpoint.save(round_, learner, motions)
-        _report(bus, run, method, round_, gradients, motions, collector.refused, time.monotonic() - begun)
+        _report(bus, run, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
 
     for t0, arm in arms.items():
         bus.publish(topics.meta_model(run, arm.name), models[t0], qos=scenario.bus.qos)
@@ -81,6 +85,7 @@ def _report(
     motions: RoundMotions,
     refused: int,
     seconds: float,
+    beta: float | None,
 ) -> None:
     for task, counts in gradients.items():
         row = RoundRow(
@@ -92,6 +97,7 @@ def _report(
             gradients=counts.support + counts.query,
             gradients_support=counts.support,
             gradients_query=counts.query,
+            beta=beta,
             experience_bytes=sum(motion.payload_bytes for robot in motions[task] for motion in robot),
             refused=refused,
             seconds=round(seconds / len(gradients), 4),

@@ -98,7 +98,8 @@ def report(
     dl: Annotated[float | None, typer.Option(help="Downlink efficiency, kb/J.")] = None,
     pue: Annotated[float | None, typer.Option(help="Power usage effectiveness of the data center.")] = None,
     beta: Annotated[
-        str | None, typer.Option(metavar="FLOAT", help="Cost of a meta-gradient over a first-order one.")
+        str | None,
+        typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one."),
     ] = None,
     carbon_datacenter: Annotated[
         float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from common.errors import ConfigurationError
 from common.settings import Energy
 
-Beta = float
-"""What `energy.beta` may be: cost of a meta-gradient over a first-order one, 1 or more."""
+Beta = float | Literal["measured"]
+"""What `energy.beta` may be: cost of an exact meta-gradient over a first-order one, 1 or more, or the measured one."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,14 @@ def parse_beta(text: str) -> Beta:
     """Beta as it stands on a command line.
 
     Raises:
-        ConfigurationError: it is no number of 1 or more.
+        ConfigurationError: it is no number of 1 or more, nor "measured".
     """
+    if text == "measured":
+        return "measured"
     try:
         value = float(text)
     except ValueError:
-        raise ConfigurationError(f"--beta {text}: expected {_FACTOR.expected}") from None
+        raise ConfigurationError(f"--beta {text}: expected {_FACTOR.expected}, or measured") from None
     _check("beta", value, _FACTOR)
     return value
 
@@ -73,8 +75,12 @@ def reprice(energy: Energy, prices: Prices) -> tuple[Energy, str]:
     changes: dict[str, Any] = {}
     words = []
     for name, (field, kind) in _FIELDS.items():
-        value: float | None = getattr(prices, name)
+        value: float | Literal["measured"] | None = getattr(prices, name)
         if value is None:
+            continue
+        if value == "measured":
+            changes[field] = value
+            words.append(f"{name}-measured")
             continue
         option = name.replace("_", "-")
         _check(option, value, kind)

@@ -14,6 +14,7 @@ from common.energy import Cost, bill, price
 from common.methods import method_of
 from common.settings import Energy
 from fleet.arms import INK, colours
+from fleet.beta import with_beta
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.pricing import meta_counts, task_counts
 from fleet.report_canvas import FEW, LEGEND_COLUMNS, SOME, arm_patches, hatched, legend_in, new_figure
@@ -92,6 +93,7 @@ def _stage_bars(run: Run, arm: str, energy: Energy) -> list[tuple[float, float]]
 
 
 def _meta_cost(run: Run, arm: str, energy: Energy) -> Cost:
+    energy = with_beta(energy, run.rows, arm)
     if run.meter_rows:
         return price(meta_counts(run.rows, run.meter_rows, arm), energy)
     sizes, rounds = scenario_sizes(run.scenario), run.rounds(arm)
@@ -99,6 +101,7 @@ def _meta_cost(run: Run, arm: str, energy: Energy) -> Cost:
 
 
 def _task_cost(run: Run, arm: str, task: int, energy: Energy) -> Cost:
+    energy = with_beta(energy, run.rows, arm)
     if run.meter_rows:
         return price(task_counts(run.rows, run.meter_rows, arm, task=task), energy)
     rounds = {task: run.mean_rounds(arm)[task]}

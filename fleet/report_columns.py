@@ -9,6 +9,7 @@ from common.energy import TABLE_I, RoundSizes, bill, downlink_bit_per_j, transfe
 from common.methods import method_of
 from common.settings import Energy
 from common.topics import Link
+from fleet.beta import with_beta
 from fleet.expected import expected_counts, scenario_sizes
 from fleet.paper import printed_total, published_of
 from fleet.pricing import arm_counts
@@ -49,12 +50,12 @@ def closed_bill(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = N
     method = method_of(arm)
     rounds = run.mean_rounds(arm) if method == "isolated" else run.rounds(arm)
     found = expected_counts(run.scenario, method, run.t0[arm], rounds, sizes or scenario_sizes(run.scenario))
-    return bill(found, energy)
+    return bill(found, with_beta(energy, run.rows, arm))
 
 
 def measured_bill(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Bill:
     """An arm's bill from the gradients it computed and the bytes that were metered, if any were."""
-    return bill(arm_counts(run.rows, run.meter_rows, arm, measure=measure), energy)
+    return bill(arm_counts(run.rows, run.meter_rows, arm, measure=measure), with_beta(energy, run.rows, arm))
 
 
 def closed_parts(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Parts:

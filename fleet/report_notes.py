@@ -21,7 +21,7 @@ def headline(run: Run, energy: Energy) -> str:
     line = (
         f"{run.status}, seed {run.scenario.seed}; E_UL {energy.ul_bit_per_j / 1e3:g}, "
         f"E_DL {downlink_bit_per_j(energy) / 1e3:g}, E_SL {energy.sl_bit_per_j / 1e3:g} kb/J, "
-        f"sidelinks {energy.sidelink.replace('_', ' ')}, PUE {energy.pue:g}, beta {energy.beta:g}"
+        f"sidelinks {energy.sidelink.replace('_', ' ')}, PUE {energy.pue:g}, beta {energy.beta}"
     )
     if not has_carbon(energy):
         return line

@@ -16,6 +16,7 @@ from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.settings import Energy
 from common.topics import Link
+from fleet.beta import with_beta
 from fleet.paper import published_of
 from fleet.pricing import arm_counts, meta_rounds, task_results
 from fleet.traffic import metered_by, traffic
@@ -110,7 +111,7 @@ def _arm_summary(
     results = task_results(scenario, rows, arm.name, tasks)
     t0 = meta_rounds(rows, arm.name)
     counts = arm_counts(rows, meter_rows, arm.name)
-    literal, metered = bill(counts, scenario.energy), bool(meter_rows)
+    literal, metered = bill(counts, with_beta(scenario.energy, rows, arm.name)), bool(meter_rows)
     published = published_of(arm.method, t0, sum(result.rounds for result in results), scenario.energy)
     return {
         "method": arm.method,
