@@ -23,8 +23,6 @@ class Variant:
     label: str
     """`what=value`, as it stands in facts.csv and under figures; "" for the scenario as it is."""
     overrides: tuple[str, ...] = ()
-    scenario: str | None = None
-    """A scenario (TOML) in place of the study's own."""
 
 
 @dataclass(frozen=True)
@@ -90,27 +88,30 @@ class Request:
                 "or name a file with --scenario"
             ) from error
 
-    def scenario(self, settings: Sequence[str]) -> Scenario:
-        """The scenario as all variants have it: with the study's settings, then the user's changes."""
-        return load_scenario(self.scenario_file, [*settings, *self.overrides])
+    def scenario(self, settings: Sequence[str], more: Sequence[str] = ()) -> Scenario:
+        """The scenario with the study's settings, then the user's changes, then `more`."""
+        return load_scenario(self.scenario_file, [*settings, *self.overrides, *more])
 
     @property
     def meta_method(self) -> str:
         """The scenario's own method of meta-learning: the first one it names, else MAML."""
+        _ = self.text  # of a file that is not there, its error says what to do
         named = load_scenario(self.scenario_file).methods
         return next((method for method in named if method in META_METHODS), "maml")
 
-    def jobs(self, variants: Iterable[Variant], settings: Sequence[str]) -> list[Job]:
-        """Every variant under every seed, seeds last.
+    def jobs(
+        self, variants: Iterable[Variant], settings: Sequence[str], seeds: Iterable[int] | None = None
+    ) -> list[Job]:
+        """Every variant under every seed (default: all that were asked for).
 
         The study's `settings` come first, then the user's changes, then the variant's own: what a study varies
         differs between its variants whatever the user has set.
         """
         text = self.text
         return [
-            Job(variant.label, seed, variant.scenario or text, (*settings, *self.overrides, *variant.overrides))
+            Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides))
             for variant in variants
-            for seed in self.seeds
+            for seed in (self.seeds if seeds is None else seeds)
         ]
 
 

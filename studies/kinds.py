@@ -26,10 +26,11 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study runs; `settings` are those of all its jobs, `values` see `Record`."""
+    """What a study runs; `settings` are those of all its jobs, `groups` and `values` see `Record`."""
 
     jobs: list[Job]
     settings: list[str]
+    groups: dict[str, dict[str, str]] = field(default_factory=dict)
     values: dict[str, dict[int, float]] = field(default_factory=dict)
 
 

@@ -11,7 +11,7 @@ from studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from studies.breakeven import break_even_tasks, costs, mean_counts
 from studies.estimates import Estimate, estimate
 from studies.facts import Fact
-from studies.prices import PAIRS, PRICE_LISTS, Efficiencies, PriceList, priced, runs_of
+from studies.prices import PAIRS, PRICE_LISTS, Efficiencies, PriceList, failures, priced, runs_of, task_stages
 from studies.tables import Cell, Table, estimate_text, failures_text, spread
 
 
@@ -79,9 +79,11 @@ def optimum_csv(facts: Sequence[Fact], energy: Energy) -> Table:
             meta_cells = (best_meta.t0, best_meta.total.mean) if best_meta.t0 else (None, None)
             printed = next((t0 for t0 in (42, 132) if _printed(t0, pair)), None)
             head = (pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices)
-            rows.append((*head, best.t0, best.total.mean, *meta_cells, printed))
+            rows.append(
+                (*head, best.t0, best.total.mean, *meta_cells, printed, failures(facts), len(task_stages(facts)))
+            )
     headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "total_j", "t0_with_meta", "total_with_meta_j")
-    return Table("Optimal t0", (*headings, "printed_t0"), rows)
+    return Table("Optimal t0", (*headings, "printed_t0", "not_learned", "trials"), rows)
 
 
 def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
@@ -116,10 +118,10 @@ def break_even_csv(facts: Sequence[Fact], energy: Energy) -> Table:
                 found = costs(mean, pair.of(energy), prices)
                 tasks = break_even_tasks(found) if found else None
                 cells = tuple(found) if found else (None, None, None)
-                counted = failures_of(facts, "", arm, tasks_of(facts))
-                rows.append((*_head(pair, prices, t0), *cells, tasks, *counted))
+                counted = (failures_of(facts, "", each, tasks_of(facts)) for each in (arm, PLAIN))
+                rows.append((*_head(pair, prices, t0), *cells, tasks, *(cell for pair_ in counted for cell in pair_)))
     headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "meta_j", "task_j", "plain_task_j", "break_even_tasks")
-    return Table("Break-even", (*headings, "not_learned", "trials"), rows)
+    return Table("Break-even", (*headings, "not_learned", "trials", "plain_not_learned", "plain_trials"), rows)
 
 
 def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) -> tuple[Cell, ...]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from common.errors import StudyError
 from common.settings import Energy
 from studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
 from studies.breakeven import MeanCounts, gain_map, mean_counts
@@ -24,11 +25,11 @@ from studies.style import COLOURS, INK, META, PLAIN_COLOUR, blank, points
 PAPER_T0 = 210
 _PAIR_COLOURS = (INK, "#D55E00")
 _BAR = 0.38
-_BESIDE: dict[str, Any] = {
+_ABOVE: dict[str, Any] = {
     "ha": "center",
     "va": "bottom",
     "fontsize": 6,
-    "xytext": (6, 1),
+    "xytext": (0, 2),
     "textcoords": "offset points",
 }
 _MAP_TASKS, _MAP_RATIOS = (1.0, 200.0), (0.01, 100.0)
@@ -83,7 +84,7 @@ def figure_4a(facts: Sequence[Fact], energy: Energy) -> Figure:
         axes.set_ylim(bottom=0)
     handles = [
         *(
-            Patch(facecolor=c, label=f"$E_{{UL}}/E_{{SL}}$ {p.label}")
+            Patch(facecolor=c, label=f"E$_{{UL}}$/E$_{{SL}}$ {p.label}")
             for p, c in zip(PAIRS, _PAIR_COLOURS, strict=True)
         ),
         Line2D([], [], color=INK, marker="D", markersize=4, label="$E_{ML}$"),
@@ -149,6 +150,11 @@ def shown_t0(facts: Sequence[Fact]) -> int:
 def _candidates(facts: Sequence[Fact], t0: int | None) -> list[MeanCounts]:
     without = [fact for fact in facts if fact.arm == PLAIN]
     arms = {found: arm for found, arm in arms_by_t0(facts).items() if found and t0 in (None, found)}
+    if not arms:
+        raise StudyError(
+            f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''}, expected one; measured t0 are "
+            f"{', '.join(map(str, arms_by_t0(facts)))}"
+        )
     return [mean_counts([fact for fact in facts if fact.arm == arm], without) for arm in arms.values()]
 
 

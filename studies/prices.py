@@ -7,7 +7,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from common.energy import bill, published_bill
+from common.energy import (
+    Counts,
+    bill,
+    downlink_bit_per_j,
+    fl_communication_j,
+    fl_learning_j,
+    ml_learning_j,
+    published_bill,
+    transfer_j,
+)
 from common.settings import Energy
 from studies.facts import META_STAGE, Fact
 
@@ -75,6 +84,40 @@ def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> RunJoule
         return None
     meta = held.pop(META_STAGE, StageJoules(0.0, 0.0, 0.0))
     return RunJoules(meta, held)
+
+
+class Causes(NamedTuple):
+    """Joules of one run by what they were spent on; they add up to E, eq. (12)."""
+
+    center_j: float
+    """Computing in the data center, PUE included."""
+    robots_j: float
+    """Computing on the robots."""
+    uplink_j: float
+    downlink_j: float
+    sidelink_j: float
+
+    @property
+    def total_j(self) -> float:
+        """E, eq. (12)."""
+        return math.fsum(self)
+
+
+def causes(facts: Iterable[Fact], energy: Energy) -> Causes:
+    """Joules of one arm of one run by cause, literal prices."""
+    total = sum((fact.counts for fact in facts), Counts())
+    return Causes(
+        center_j=ml_learning_j(total.gradients_support, total.gradients_query, energy),
+        robots_j=fl_learning_j(total.gradients_robots, energy),
+        uplink_j=transfer_j(total.uplink_bytes, energy.ul_bit_per_j),
+        downlink_j=transfer_j(total.downlink_bytes, downlink_bit_per_j(energy)),
+        sidelink_j=fl_communication_j(total.sidelink_bytes, total.sidelink_sent_bytes, energy),
+    )
+
+
+def moved_bytes(facts: Iterable[Fact]) -> float:
+    """Bytes delivered over all priced links."""
+    return math.fsum(fact.uplink_bytes + fact.downlink_bytes + fact.sidelink_bytes for fact in facts)
 
 
 def runs_of(facts: Iterable[Fact], variant: str, arm: str) -> dict[int, list[Fact]]:

@@ -24,6 +24,8 @@ class Record(BaseModel):
     seeds: tuple[int, ...]
     t0: int
     """Rounds of meta-training that the study is about, where it is about one."""
+    groups: dict[str, dict[str, str]] = Field(default_factory=dict)
+    """What was varied -> its value -> the variant of facts.csv that has it; a figure each."""
     values: dict[str, dict[int, float]] = Field(default_factory=dict)
     """Variant -> seed -> what was measured of its scenario before it ran (similarity, say)."""
 

@@ -49,6 +49,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         scenario=request.scenario(plan.settings),
         seeds=request.seeds,
         t0=request.t0,
+        groups=plan.groups,
         values=plan.values,
     )
     write_record(where.results, record)
