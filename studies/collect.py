@@ -70,7 +70,7 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
         reward=None,
         rmse_m=None,
         **asdict(found),
-        seconds=sum(row.seconds for row in mine),
+        seconds=round(sum(row.seconds for row in mine), 3),
     )
 
 

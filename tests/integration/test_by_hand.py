@@ -148,9 +148,7 @@ def test_mosquitto_sub_saves_weights_from_the_embedded_broker_too(
 def test_a_robot_that_dies_ends_the_recording_with_its_name(
     by_hand: Any, broker: str, small: Any, onlooker: Any, read_run: Any
 ) -> None:
-    hand = by_hand(
-        broker, overrides=(*small, "federation.max_rounds=200", "bus.connect_timeout_s=1", "methods=['fl']")
-    )
+    hand = by_hand(broker, overrides=(*small, "federation.max_rounds=200", "bus.connect_timeout_s=1", "methods=['fl']"))
     ears = onlooker(broker, topics.telemetry(NAME, "+", "+"))
     recorder = hand.recorder()
     robots = [hand.robot(agent) for agent in (1, 2, 3, 4)]

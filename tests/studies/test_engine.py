@@ -12,15 +12,20 @@ import pytest
 from distributed import Client, LocalCluster
 from rich.console import Console
 
+import studies.cluster
+import studies.deployment
 from common.errors import RunError, StudyError
 from common.methods import Arm
+from studies.catalogue import kind_of
 from studies.cluster import connected
 from studies.engine import FACTS, collected, part_of, run_jobs
 from studies.facts import Fact, read_facts, write_facts
-from studies.jobs import Job
+from studies.jobs import Job, Request
 from studies.progress import Progress
+from studies.run import Where, run_study
 from tests.studies.made_up import task_fact
 
+ROOT = Path(__file__).parents[2]
 SCENARIO = 'name = "x"\n'
 PLAIN = Arm("fl", "fl", 0)
 
@@ -40,6 +45,13 @@ class Failing:
         if job.seed == 2:
             raise RunError("agent-3 ended with code 4")
         return made_up(job)
+
+
+class FailingDeployment(Failing):
+    """The same in place of a deployment."""
+
+    def __call__(self, job: Job, work: Path | None = None, keep: bool = False) -> list[Fact]:
+        return super().__call__(job)
 
 
 class Counting:
@@ -130,6 +142,18 @@ def test_names_of_jobs_tell_variant_and_seed_and_are_names_of_files() -> None:
 
 def test_a_comment_in_the_scenario_makes_no_other_job() -> None:
     assert Job("", 1, "# why\n" + SCENARIO, ()).name == job(1).name
+
+
+def test_a_study_with_a_failed_job_has_tables_of_the_others_and_ends_with_its_name(
+    cluster: Callable[..., Client], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(studies.cluster, "connected", lambda scheduler, workers: cluster())
+    monkeypatch.setattr(studies.deployment, "run_job", FailingDeployment())
+    asked = Request(ROOT / "scenarios" / "quick.toml", (), (1, 2), 42)
+    where = Where(tmp_path / "work", tmp_path / "results", 1, None, keep=False)
+    with pytest.raises(StudyError, match=r"1 of 2 jobs failed, .* base-s002-\w+ \(RunError: agent-3 ended"):
+        run_study(kind_of("baselines"), asked, "compact", where, Console(file=io.StringIO()))
+    assert "| fl | 23.0 |" in (tmp_path / "results" / "baselines.md").read_text()  # 11 + 12 rounds
 
 
 def test_a_scheduler_that_is_not_there_is_told() -> None:

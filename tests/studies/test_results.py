@@ -11,7 +11,6 @@ from studies.engine import FACTS
 from studies.facts import read_facts
 from studies.kinds import write_csv_tables
 from studies.record import read_record
-from studies.run import make_tables
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = sorted(path.parent for path in ROOT.glob(f"results/*/*/{FACTS}"))
@@ -28,12 +27,9 @@ def committed(results: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(params=[*COMMITTED, None], ids=lambda path: str(path.relative_to(ROOT)) if path else "made up")
-def results(request: pytest.FixtureRequest, paper_results: Path) -> Path:
+def results(request: pytest.FixtureRequest, made: Path) -> Path:
     """Each results folder of the repository, and a made-up one."""
-    if request.param is None:
-        make_tables(paper_results)
-        return paper_results
-    folder: Path = request.param
+    folder: Path = request.param or made
     return folder
 
 
@@ -41,8 +37,7 @@ def test_committed_tables_are_what_the_committed_facts_come_to(results: Path, tm
     assert made_again(results, tmp_path / "again") == committed(results)
 
 
-def test_a_changed_fact_shows_in_the_tables(paper_results: Path, tmp_path: Path) -> None:
-    make_tables(paper_results)
+def test_a_changed_fact_shows_in_the_tables(made: Path, paper_results: Path, tmp_path: Path) -> None:
     facts = paper_results / FACTS
     facts.write_text(facts.read_text().replace(",32,30,32,", ",33,30,32,", 1))
-    assert made_again(paper_results, tmp_path / "changed") != committed(paper_results)
+    assert made_again(paper_results, tmp_path / "changed") != committed(made)
