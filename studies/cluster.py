@@ -15,7 +15,6 @@ from distributed import Client, LocalCluster
 from common.errors import StudyError
 
 _CONFIG: dict[str, Any] = {
-    "distributed.worker.daemon": False,  # a job starts processes
     "distributed.scheduler.allowed-failures": 0,  # a job that took its worker down would take the next one down too
     "distributed.worker.use-file-locking": False,
 }
@@ -27,12 +26,11 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
     """A client of the cluster at `scheduler`, or of `workers` processes started here and ended with the context.
 
     Raises:
-        StudyError: no cluster answers, or its workers run several jobs in one process.
+        StudyError: no cluster answers.
     """
     with dask.config.set(_CONFIG):
         if scheduler is not None:
             with _client_of(scheduler) as client:
-                _check_threads(client)
                 yield client
         else:
             with _local_cluster(workers) as cluster, Client(cluster) as client:
@@ -47,7 +45,7 @@ def _local_cluster(workers: int) -> LocalCluster:
     try:
         return LocalCluster(
             n_workers=workers,
-            threads_per_worker=1,  # a process has one fork server, and it ends with a deployment
+            threads_per_worker=1,
             processes=True,
             memory_limit=0,  # what is large is in processes of the deployment, which Dask does not see
             dashboard_address=None,
@@ -64,11 +62,3 @@ def _client_of(scheduler: str) -> Client:
         raise StudyError(
             f"no Dask scheduler answered at {scheduler!r} ({error}); expected an address like tcp://HOST:8786"
         ) from error
-
-
-def _check_threads(client: Client) -> None:
-    threads = {address: info["nthreads"] for address, info in client.scheduler_info(n_workers=-1)["workers"].items()}
-    many = {address: count for address, count in threads.items() if count != 1}
-    if many:
-        address, count = next(iter(many.items()))
-        raise StudyError(f"worker {address} has {count} threads, expected 1; start workers with --nthreads 1")

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from common.errors import StudyError
-from common.scenario import load_scenario
-from fleet.report_data import load_run
-from fleet.run import run_deployment
-from studies.collect import facts_of
-from studies.facts import Fact
+from studies.facts import Fact, read_facts
+from studies.files import write_atomically
 from studies.jobs import Job
 
+SETTINGS, FACTS, OUTPUT = "settings.txt", "facts.csv", "output.log"
 _BULKY = ("weights", "logs", "checkpoint")
 
 
 def run_job(job: Job, work: Path, keep: bool) -> list[Fact]:
     """Run a job from nothing; whatever an earlier attempt left is deleted first.
+
+    The deployment is led by a process of its own (`studies.child`), which ends it when this process ends, however
+    that happens: so a worker may be killed, and may be of any kind and run several jobs at once.
 
     Args:
         job: what to run.
@@ -28,26 +28,26 @@ def run_job(job: Job, work: Path, keep: bool) -> list[Fact]:
         keep: leave weights and logs too; else they are deleted once the facts are known.
 
     Raises:
-        StudyError: this worker may not start processes, or the run is not complete.
-        JouleSwarmError: the deployment failed.
+        StudyError: the deployment failed; the message is the last line that it printed.
     """
-    if multiprocessing.current_process().daemon:
-        raise StudyError(
-            "this Dask worker is a daemonic process, which may start no processes; start workers with "
-            "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment, or with --no-nanny"
-        )
     folder = work / job.name
     if folder.exists():
         shutil.rmtree(folder)
-    file = job.write(folder)
-    options = ["--scenario", str(file), *(part for each in job.settings for part in ("--set", each))]
-    quiet = Console(quiet=True, force_terminal=False)
-    path = run_deployment(load_scenario(file, job.settings), options, job.name, folder, None, quiet)
-    run = load_run(path)
-    if run.status != "complete":
-        raise StudyError(f"job {job.name}: the run is {run.status}, expected complete; see {path}")
-    facts = [fact.model_copy(update={"variant": job.variant}) for fact in facts_of(run)]
+    job.write(folder)
+    write_atomically(folder / SETTINGS, "\n".join(job.settings) + "\n")
+    with (folder / OUTPUT).open("wb") as output:
+        # In a session of its own: a Ctrl-C at the terminal is not for it. It ends when its stdin is closed.
+        command = [sys.executable, "-m", "studies.child", str(folder), job.name]
+        child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        code = child.wait()
+    if code != 0:
+        printed = (folder / OUTPUT).read_text(errors="replace").strip().splitlines()
+        told = printed[-1] if printed else "it printed nothing"
+        raise StudyError(f"{told} (exit code {code}, see {folder})")
+    facts = [fact.model_copy(update={"variant": job.variant}) for fact in read_facts(folder / FACTS)]
     if not keep:
         for name in _BULKY:
-            shutil.rmtree(path / name, ignore_errors=True)
+            shutil.rmtree(folder / job.name / name, ignore_errors=True)
     return facts

@@ -70,9 +70,11 @@ def test_the_paper_study_runs_to_its_tables_and_runs_nothing_twice(start: Any, t
 
 
 def test_ctrl_c_leaves_no_process_and_a_job_cut_off_is_run_again(start: Any, eventually: Any, tmp_path: Path) -> None:
-    study = start.python(*command(tmp_path, "federation.max_rounds=5000", "meta.adapt_from=[]"), TEST_MARK=str(tmp_path))
+    study = start.python(
+        *command(tmp_path, "federation.max_rounds=5000", "meta.adapt_from=[]"), TEST_MARK=str(tmp_path)
+    )
     eventually(lambda: robots_learn(tmp_path), "robots to learn")
-    assert len(marked(str(tmp_path))) >= 8  # study, worker, fork server, broker, data center, 4 robots
+    assert len(marked(str(tmp_path))) >= 9  # study, worker, leader, fork server, broker, data center, 4 robots
     os.killpg(study.process.pid, signal.SIGINT)  # as a terminal does
     assert study.ends(ENDED_WITHIN_S) == 130
     assert "Traceback" not in study.printed
