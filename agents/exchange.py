@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from agents.neighbourhood import Neighbourhood
 from common import topics
-from common.bus import Bus, Message
+from common.bus import Bus, Message, Payload
 from common.errors import PayloadError
+from common.methods import META_METHODS, SERVED_METHODS, Arm
 from common.payloads import (
     Array,
     ModelHeader,
@@ -40,126 +41,172 @@ class Exchange:
     def __init__(
         self, bus: Bus, run: str, here: Neighbourhood, shapes: Shapes, qos: int, resend_after_s: float
     ) -> None:
-        self._bus, self._run, self._here, self._shapes = bus, run, here, shapes
-        self._qos, self._resend_after_s = qos, resend_after_s
+        self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
+        self.qos, self._resend_after_s = qos, resend_after_s
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
+        self._datacenter_stage = 0
         self._arrived: dict[int, Arrived] = {}
         self._sent: dict[int, bytes] = {}
-        self._arm = ""
+        self.arm, self._word_topic = "", ""
         self._subscriptions: list[str] = []
-        self._wanted = RoundRequest(first=0, last=0)
-        self._again: set[int] = set()
-        self._meta: dict[str, Array] | None = None
+        self._wanted: dict[str, RoundRequest] = {}
+        self._again: dict[str, set[int]] = {}
+        self._meta: dict[str, dict[str, Array]] = {}
         self._gathered = 0
         self.refused = 0
+        self.handlers: dict[str, Callable[[Message], None]] = {
+            "weights": self._take_weights,
+            "presence": self._take_presence,
+            "resend": self._take_resend,
+            "collect": self._take_collect,
+            "meta": self._take_meta,
+            "round": self._take_wanted,
+        }
+        """What is done with a message, by the last level of its topic."""
 
-    def join(self, *, arm: str) -> None:
-        """Listen to everything that the meta-learning stage and the neighbours may say, then say hello."""
-        here, run = self._here, self._run
-        self._subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
+    def join(self, arms: Sequence[Arm]) -> None:
+        """Listen to everything that meta-learning stages and the neighbours may say, then say hello."""
+        here, run = self.here, self.run
+        self.subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
+        if any(arm.method in SERVED_METHODS for arm in arms):
+            self.subscribe(topics.presence(run, 0, 0))
         # The meta-model before the round marker: a marker that says 'finished' then proves that the
         # meta-model went by before this robot came, and must be asked for.
-        self._subscribe(topics.meta_model(run, arm), topics.meta_model(run, arm, here.agent), qos=self._qos)
-        self._subscribe(topics.meta_round(run, arm), topics.collect_again(run, arm, here.task, here.agent))
+        for arm in arms:
+            if arm.method in META_METHODS:
+                models = (topics.meta_model(run, arm.name), topics.meta_model(run, arm.name, here.agent))
+                self.subscribe(*models, qos=self.qos)
+        for method in dict.fromkeys(arm.method for arm in arms if arm.method in META_METHODS):
+            self.subscribe(topics.meta_round(run, method), topics.collect_again(run, method, here.task, here.agent))
         self.announce(0)
 
     def announce(self, stage: int) -> None:
         """Tell the neighbours and the data center how far this robot has come."""
-        presence = Presence(agent=self._here.agent, stage=stage)
+        presence = Presence(agent=self.here.agent, stage=stage)
         self._bus.publish(
-            topics.presence(self._run, self._here.task, self._here.agent), encode_json(presence), retain=True
+            topics.presence(self.run, self.here.task, self.here.agent), encode_json(presence), retain=True
         )
+
+    def await_datacenter(self, stage: int) -> None:
+        """Wait until the data center serves the arm that `stage` opens."""
+        self.until(lambda: self._datacenter_stage >= stage, lambda: "the data center to come")
 
     def await_stage(self, stage: int) -> None:
         """Wait until every neighbour has come as far as `stage`; serves requests meanwhile."""
-        self._until(
+        self.until(
             lambda: all(reached >= stage for reached in self._stages.values()),
             lambda: f"robots {[each for each, reached in self._stages.items() if reached < stage]} to come",
         )
 
-    def await_rounds_due(self, sent: set[int], t0: int) -> list[int]:
-        """The MAML rounds whose experience is to be sent now, in order; empty once the stage is over."""
+    def await_rounds_due(self, method: str, sent: set[int], t0: int) -> list[int]:
+        """The meta-learning rounds whose experience is to be sent now, in order; empty once the stage is over."""
 
         def due() -> set[int]:
-            wanted = set(range(self._wanted.first, min(self._wanted.last, t0) + 1)) - {0}
-            return (wanted - sent) | self._again
+            wanted = self._wanted_of(method)
+            rounds = set(range(wanted.first, min(wanted.last, t0) + 1)) - {0}
+            return (rounds - sent) | self._again.get(method, set())
 
-        self._until(lambda: bool(due()) or self._wanted.first > t0, lambda: "the data center to ask for experience")
+        self.until(
+            lambda: bool(due()) or self._wanted_of(method).first > t0,
+            lambda: "the data center to ask for experience",
+        )
         rounds = sorted(due())
-        self._again.clear()
+        self._again.pop(method, None)
         return rounds
 
     def publish_motion(self, arm: str, payload: bytes) -> None:
         """Send one motion's experience up."""
-        topic = topics.experience(self._run, arm, self._here.task, self._here.agent)
-        self._bus.publish(topic, payload, qos=self._qos)
+        topic = topics.experience(self.run, arm, self.here.task, self.here.agent)
+        self._bus.publish(topic, payload, qos=self.qos)
 
-    def await_meta_model(self, arm: str, t0: int) -> dict[str, Array]:
-        """The meta-model of `t0` rounds, asked for if it went by before this robot came."""
+    def await_meta_model(self, arm: Arm) -> dict[str, Array]:
+        """The meta-model that `arm` starts from, asked for if it went by before this robot came."""
+
+        def gone_by() -> bool:
+            return self._wanted_of(arm.method).first > arm.t0
 
         def ask() -> None:
-            if self._meta is None and self._wanted.first > t0:
-                request = RoundRequest(first=self._here.agent, last=self._here.agent)
-                self._bus.publish(topics.meta_resend(self._run, arm), encode_json(request))
+            if arm.name not in self._meta and gone_by():
+                request = RoundRequest(first=self.here.agent, last=self.here.agent)
+                self._bus.publish(topics.meta_resend(self.run, arm.name), encode_json(request))
 
-        self._until(lambda: self._meta is not None or self._wanted.first > t0, lambda: "the meta-model")
+        self.until(lambda: arm.name in self._meta or gone_by(), lambda: "the meta-model")
         ask()
-        self._until(lambda: self._meta is not None, lambda: "the meta-model", ask)
-        assert self._meta is not None
-        return self._meta
+        self.until(lambda: arm.name in self._meta, lambda: "the meta-model", ask)
+        return self._meta.pop(arm.name)
 
-    def open_arm(self, arm: str) -> None:
-        """Listen to the neighbours' weights of this arm."""
-        here = self._here
-        self._arm, self._arrived, self._sent, self._gathered = arm, {}, {}, 0
-        self._subscribe(*(topics.weights(self._run, arm, here.task, each) for each in here.neighbours), qos=self._qos)
-        self._subscribe(topics.resend(self._run, arm, here.task, here.agent))
+    def open_arm(self, arm: Arm, here: Neighbourhood) -> None:
+        """Listen to the neighbours' weights of this arm, `here` being its neighbourhood."""
+        run = self.run
+        self.here = here
+        self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
+        says = {"fedavg": topics.weights_up, "centralized": topics.episode}.get(arm.method, topics.weights)
+        self._word_topic = says(run, arm.name, here.task, here.agent)
+        self.subscribe(*(topics.weights(run, arm.name, here.task, each) for each in here.neighbours), qos=self.qos)
+        self.subscribe(topics.resend(run, arm.name, here.task, here.agent))
 
     def publish_weights(self, weights: Weights, header: ModelHeader) -> bytes:
         """Send this round's weights to the neighbours; kept for a round in case they ask again."""
+        payload = encode_model(weights, header, len(self.here.cluster))
+        self.publish_round(header.round, payload)
+        return payload
+
+    def publish_round(self, round_: int, payload: bytes) -> None:
+        """Say this round's word on the arm's topic; kept for a round in case somebody asks again."""
         # Requests that came before there was anything to send are served by what is sent now.
         while (message := self._bus.receive(0)) is not None:
             self._take(message)
-        payload = encode_model(weights, header, len(self._here.cluster))
-        self._sent = {header.round: payload, **{r: p for r, p in self._sent.items() if r == header.round - 1}}
-        self._publish_round(header.round)
-        return payload
+        self._sent = {round_: payload, **{r: p for r, p in self._sent.items() if r == round_ - 1}}
+        self._say(round_)
 
     def gather(self, round_: int) -> Arrived:
         """The neighbours' weights of `round_`, all of them."""
         self._arrived.setdefault(round_, {})
 
         def missing() -> list[int]:
-            return [each for each in self._here.neighbours if each not in self._arrived[round_]]
+            return [each for each in self.here.neighbours if each not in self._arrived[round_]]
 
         def ask() -> None:
             for each in missing():
-                topic = topics.resend(self._run, self._arm, self._here.task, each)
+                topic = topics.resend(self.run, self.arm, self.here.task, each)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 
-        self._until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask)
+        self.until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask)
         self._gathered = round_
         return self._arrived.pop(round_)
 
     def report(self, row: RoundRow) -> None:
         """Telemetry: one row of the run log."""
-        publish_row(self._bus, self._run, row)
+        publish_row(self._bus, self.run, row)
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Send something at the scenario's QoS."""
+        self._bus.publish(topic, payload, qos=self.qos)
+
+    def decode(self, payload: Payload) -> tuple[dict[str, Array], ModelHeader]:
+        """A model of this run's shape.
+
+        Raises:
+            PayloadError: it is not one.
+        """
+        return decode_model(payload, self._shapes)
 
     def hand_in(self, payload: bytes) -> None:
         """The cluster's learned weights, for the run directory."""
-        self._bus.publish(topics.learned(self._run, self._arm, self._here.task), payload)
+        self._bus.publish(topics.learned(self.run, self.arm, self.here.task), payload)
 
     def leave(self) -> None:
         """Hand in the byte counters and disconnect."""
-        presence = topics.presence(self._run, self._here.task, self._here.agent)
-        leave(self._bus, self._run, self._subscriptions, presence)
+        presence = topics.presence(self.run, self.here.task, self.here.agent)
+        leave(self._bus, self.run, self._subscriptions, presence)
 
-    def _subscribe(self, *filters: str, qos: int = 1) -> None:
+    def subscribe(self, *filters: str, qos: int = 1) -> None:
+        """Subscribe until the robot leaves."""
         if filters:
             self._bus.subscribe(*filters, qos=qos)
             self._subscriptions += filters
 
-    def _until(
+    def until(
         self, condition: Callable[[], bool], what: Callable[[], str], ask_again: Callable[[], None] | None = None
     ) -> None:
         """Take messages until `condition` holds; after each quiet spell say what is missing, and ask for it."""
@@ -177,30 +224,22 @@ class Exchange:
     def _take(self, message: Message) -> None:
         """Sort one message into place; refuse and count what is not what its topic promises."""
         kind = message.topic.rsplit("/", 1)[-1]
-        take = {
-            "weights": self._take_weights,
-            "presence": self._take_presence,
-            "resend": self._take_resend,
-            "collect": self._take_collect,
-            "meta": self._take_meta,
-            "round": self._take_wanted,
-        }[kind]
         try:
-            take(message)
+            self.handlers[kind](message)
         except PayloadError as error:
             self.refused += 1
             log.warning("refused a message on %s: %s", message.topic, error)
 
     def _take_weights(self, message: Message) -> None:
-        if topics.arm_of(message.topic) != self._arm:  # an answer to a request of the arm before, come late
+        if topics.arm_of(message.topic) != self.arm:  # an answer to a request of the arm before, come late
             return
         agent = int(message.topic.split("/")[5])
         weights, header = decode_model(message.payload, self._shapes)
         told = header.reward is not None and header.rewards.get(agent, (0, 0.0))[0] == header.round
-        if (header.agent, header.task) != (agent, self._here.task) or not told or header.samples < 1:
+        if (header.agent, header.task) != (agent, self.here.task) or not told or header.samples < 1:
             raise PayloadError(
                 f"model of robot {header.agent}, task {header.task}, reward {header.reward}, rewards {header.rewards}, "
-                f"samples {header.samples}; expected robot {agent}, task {self._here.task}, its rewards and samples"
+                f"samples {header.samples}; expected robot {agent}, task {self.here.task}, its rewards and samples"
             )
         # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
         if self._gathered < header.round <= self._gathered + 2:
@@ -211,26 +250,34 @@ class Exchange:
             return
         presence = decode_json(message.payload, Presence)
         if presence.state == "gone":
-            log.warning("robot %d is gone; waiting for it to come back", presence.agent)
+            log.warning(
+                "%s is gone; waiting for it to come back",
+                f"robot {presence.agent}" if presence.agent else "data center",
+            )
+        elif presence.agent == 0:
+            self._datacenter_stage = presence.stage
         elif presence.agent in self._stages:
             self._stages[presence.agent] = presence.stage
 
     def _take_resend(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)
         if request.first in self._sent:
-            self._publish_round(request.first)
+            self._say(request.first)
 
     def _take_collect(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)
-        self._again |= set(range(request.first, min(request.last, request.first + 1) + 1))
+        again = self._again.setdefault(topics.arm_of(message.topic), set())
+        again |= set(range(request.first, min(request.last, request.first + 1) + 1))
 
     def _take_meta(self, message: Message) -> None:
-        self._meta, _ = decode_model(message.payload, self._shapes)
+        self._meta[topics.arm_of(message.topic)], _ = decode_model(message.payload, self._shapes)
 
     def _take_wanted(self, message: Message) -> None:
         if message.payload:
-            self._wanted = decode_json(message.payload, RoundRequest)
+            self._wanted[topics.arm_of(message.topic)] = decode_json(message.payload, RoundRequest)
 
-    def _publish_round(self, round_: int) -> None:
-        topic = topics.weights(self._run, self._arm, self._here.task, self._here.agent)
-        self._bus.publish(topic, self._sent[round_], qos=self._qos)
+    def _wanted_of(self, method: str) -> RoundRequest:
+        return self._wanted.get(method, RoundRequest(first=0, last=0))
+
+    def _say(self, round_: int) -> None:
+        self._bus.publish(self._word_topic, self._sent[round_], qos=self.qos)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from agents.environment import LandmarksEnv
-from agents.learner import Learner
-from agents.tasks import rmse_m, start_cells, table_policy, task_table
+from agents.tasks import ACTIONS, rmse_m, start_cells, table_policy, task_table
 from common.dqn import epsilon_greedy
 from common.frames import resize
+from common.learner import Learner, Policy
 from common.maps import Cell
 from common.payloads import MotionHeader, encode_motion
 from common.scenario import Scenario
@@ -30,13 +30,17 @@ class Explorer:
         self._table = task_table(scenario, self._task)
         self._env = LandmarksEnv(task=self._task, scenario=scenario)
         self._evaluation = LandmarksEnv(task=self._task, scenario=scenario, camera=self._env.camera)
-        self._starts = self._start_cells()
+        self._starts = self._start_cells(scenario.cluster(self._task))
         self._rng = stream(scenario.seed, "explore", agent)
         self._frame: Frame | None = None
 
-    def begin(self, arm: str) -> None:
-        """Start afresh, with random streams that depend on the arm and not on what came before it."""
+    def begin(self, arm: str, cluster: Sequence[int]) -> None:
+        """Start afresh, with random streams that depend on the arm and not on what came before it.
+
+        `cluster`: the robots that share the landmarks to start from.
+        """
         seed = self._scenario.seed
+        self._starts = self._start_cells(cluster)
         self._rng = stream(seed, arm, "explore", self._agent)
         self._env.reset(seed=integer(seed, arm, "environment", self._agent))
         self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
@@ -58,7 +62,7 @@ class Explorer:
                 self._frame = None
         return motions
 
-    def evaluate(self, learner: Learner) -> tuple[float, float]:
+    def evaluate(self, policy: Policy) -> tuple[float, float]:
         """One greedy episode from the entry: its discounted return and the RMSE of its path, metres.
 
         An episode that does not reach the exit never counts above 0 (DESIGN: it counts only with its exit).
@@ -66,7 +70,7 @@ class Explorer:
         frame, info = self._evaluation.reset(options={"start": "entry"})
         walked, total, factor, ended, terminated = [info["cell"]], 0.0, 1.0, False, False
         while not ended:
-            action = int(learner.q_values(self._resized(frame)).argmax())
+            action = int(policy.q_values(self._resized(frame)).argmax())
             frame, reward, terminated, truncated, info = self._evaluation.step(action)
             total += factor * float(reward)
             factor *= self._scenario.learning.discount
@@ -76,20 +80,37 @@ class Explorer:
         return total if terminated else min(total, 0.0), error_m
 
     def motions(self, round_: int) -> Iterator[bytes]:
-        """One MAML round's experience, a payload a motion, epsilon-greedy on the position-reward table.
+        """One meta-learning round's experience, a payload a motion, epsilon-greedy on the position-reward table.
 
         Depends on nothing but scenario, robot and round: a round asked for again is the same to the bit.
         """
-        scenario, settings = self._scenario, self._scenario.meta
+        scenario, epsilon = self._scenario, self._scenario.meta.epsilon
         rng = stream(scenario.seed, "meta", "explore", self._agent, round_)
-        policy = table_policy(self._table, self._map, scenario.learning.discount)
+        best = table_policy(self._table, self._map, scenario.learning.discount)
+        self._starts = self._start_cells(scenario.cluster(self._task))
         self._env.reset(seed=integer(scenario.seed, "meta", "environment", self._agent, round_))
+
+        def choose(frame: Frame, cell: Cell) -> int:
+            return int(rng.integers(len(ACTIONS))) if rng.random() < epsilon else int(best[cell])
+
+        yield from self._encoded(round_, choose, rng)
+
+    def policy_motions(self, policy: Policy, round_: int) -> Iterator[bytes]:
+        """One round's experience for a data center that learns the task, epsilon-greedy on its own model."""
+        epsilon = self._scenario.learning.epsilon
+
+        def choose(frame: Frame, cell: Cell) -> int:
+            return epsilon_greedy(policy.q_values(self._resized(frame)), epsilon, self._rng)
+
+        yield from self._encoded(round_, choose, self._rng)
+
+    def _encoded(self, round_: int, choose: Callable[[Frame, Cell], int], rng: np.random.Generator) -> Iterator[bytes]:
+        """A round's motions as payloads; it begins with an episode of its own."""
         first = True
-        for motion in range(scenario.learning.motions_per_round):
+        for motion in range(self._scenario.learning.motions_per_round):
             if first:
                 frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
-            row, col = info["cell"]
-            action = int(rng.integers(4)) if rng.random() < settings.epsilon else int(policy[row, col])
+            action = choose(frame, info["cell"])
             next_frame, reward, terminated, truncated, info = self._env.step(action)
             header = MotionHeader(
                 task=self._task,
@@ -108,8 +129,8 @@ class Explorer:
         frame, _ = self._env.reset(options={"start": _choose(self._starts, self._rng)})
         return self._resized(frame)
 
-    def _start_cells(self) -> Sequence[Cell]:
-        starts, cluster = self._scenario.learning.starts, self._scenario.cluster(self._task)
+    def _start_cells(self, cluster: Sequence[int]) -> Sequence[Cell]:
+        starts = self._scenario.learning.starts
         if starts == "entry":
             return [self._map.entry]
         if starts == "anywhere":

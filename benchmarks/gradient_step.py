@@ -17,7 +17,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from agents.learner import Learner
+from common.learner import Learner
 from common.process import use_one_thread
 from common.qnetwork import build_qnetwork, observations, to_weights
 from common.settings import Learning, Network

@@ -27,7 +27,7 @@ class Outcome:
     def __init__(self) -> None:
         self.rows: list[RoundRow] = []
         self.learned: dict[tuple[str, int], bytes] = {}
-        self.snapshots: dict[int, bytes] = {}
+        self.snapshots: dict[tuple[str, int], bytes] = {}
         self.hub = MemoryHub()
 
 
@@ -75,7 +75,7 @@ def _take_all(recorder: MemoryBus, outcome: Outcome, timeout_s: float) -> None:
         elif level[-1] == "learned":
             outcome.learned[level[2], int(level[4])] = bytes(message.payload)
         else:
-            outcome.snapshots[int(level[4])] = bytes(message.payload)
+            outcome.snapshots[level[2], int(level[4])] = bytes(message.payload)
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """The energy model, equations (8)-(12), as pure functions: counts and constants in, joules out.
 
 `E` numbers follow the paper's numbered equations: (8)-(9) meta-learning in the data center, (10)-(11) federated
-learning on the robots, (12) the total. Gradients are batch gradients, bytes are bytes, 1 kb = 1000 bit.
+learning on the robots, (12) the total. Gradients are batch gradients, bytes are bytes, 1 kb = 1000 bit. Methods that
+the paper does not have are priced cause by cause at the same constants.
 
 Two price lists: `literal` is those equations; `published` is what the paper's printed totals come to a round,
 which is not what its own equations and constants give (see `fleet/audit.py`).
@@ -10,8 +11,13 @@ which is not what its own equations and constants give (see `fleet/audit.py`).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
+from common.bill import Bill as Bill
+from common.bill import Cost as Cost
+from common.bill import Counts as Counts
+from common.bill import PublishedBill as PublishedBill
+from common.bill import StageCounts as StageCounts
 from common.settings import Energy, Federation
 
 BITS_PER_BYTE = 8
@@ -21,63 +27,6 @@ PUBLISHED_ML_ROUND_J = 352.4
 PUBLISHED_FL_ROUND_J = 246.3
 PUBLISHED_UL_BIT_PER_J = 200e3
 PUBLISHED_SL_BIT_PER_J = 500e3
-
-
-@dataclass(frozen=True)
-class Counts:
-    """What a run did: batch gradients computed and bytes moved. Counts of separate runs or tasks add up."""
-
-    gradients_support: float = 0  # in the data center, on B^(a)
-    gradients_query: float = 0  # in the data center, on B^(b)
-    gradients_robots: float = 0
-    uplink_bytes: float = 0  # delivered to the data center
-    downlink_bytes: float = 0  # delivered to robots
-    sidelink_bytes: float = 0  # delivered to neighbours, summed over directed links
-    sidelink_sent_bytes: float = 0  # sent by robots, each message once however many neighbours it has
-
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
-
-
-@dataclass(frozen=True)
-class Bill:
-    """Joules by stage and cause, eq. (12)."""
-
-    ml_learning_j: float = 0.0
-    ml_communication_j: float = 0.0
-    fl_learning_j: float = 0.0
-    fl_communication_j: float = 0.0
-
-    def __add__(self, other: Bill) -> Bill:
-        return Bill(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
-
-    @property
-    def ml_j(self) -> float:
-        """E_ML, eq. (8)."""
-        return self.ml_learning_j + self.ml_communication_j
-
-    @property
-    def fl_j(self) -> float:
-        """Sum of E_FL over the tasks, eq. (10)."""
-        return self.fl_learning_j + self.fl_communication_j
-
-    @property
-    def total_j(self) -> float:
-        """E, eq. (12)."""
-        return self.ml_j + self.fl_j
-
-
-@dataclass(frozen=True)
-class PublishedBill:
-    """Joules by stage; the paper's printed totals do not tell learning from communication."""
-
-    ml_j: float
-    fl_j: float
-
-    @property
-    def total_j(self) -> float:
-        """E, eq. (12)."""
-        return self.ml_j + self.fl_j
 
 
 @dataclass(frozen=True)
@@ -125,48 +74,41 @@ def downlink_bit_per_j(energy: Energy) -> float:
     return energy.ul_bit_per_j if energy.dl_bit_per_j is None else energy.dl_bit_per_j
 
 
-def ml_learning_j(gradients_support: float, gradients_query: float, energy: Energy) -> float:
-    """Learning part of eq. (9): gamma (support + beta query) P_0 T_0."""
-    return energy.pue * (gradients_support + energy.beta * gradients_query) * data_center_gradient_j(energy)
+def price(counts: Counts, energy: Energy) -> Cost:
+    """The literal price list: what `counts` cost by cause, linear in them.
 
-
-def ml_communication_j(uplink_bytes: float, downlink_bytes: float, energy: Energy) -> float:
-    """Communication part of eq. (9): experience up, meta-model down to each robot."""
-    uplink_j = transfer_j(uplink_bytes, energy.ul_bit_per_j)
-    return uplink_j + transfer_j(downlink_bytes, downlink_bit_per_j(energy))
-
-
-def fl_learning_j(gradients: float, energy: Energy) -> float:
-    """Learning part of eq. (11)."""
-    return gradients * robot_gradient_j(energy)
-
-
-def fl_communication_j(delivered_bytes: float, sent_bytes: float, energy: Energy) -> float:
-    """Communication part of eq. (11).
+    Data center, eq. (9): gamma (support + beta query) P_0 T_0; robots, eq. (11): gradients P_k T_k; every byte at
+    8 / efficiency of its link.
 
     Direct sidelinks: E_kh on every delivered byte. Via the base station, E_kh = E_k0 + gamma E_0h: the robot sends
-    a message up once (`sent_bytes`) and the station delivers it to each neighbour (`delivered_bytes`). With one
-    neighbour that is the paper's formula; with more it is cheaper, as a broker needs one copy only.
+    a message up once (`sidelink_sent_bytes`) and the station delivers it to each neighbour (`sidelink_bytes`). With
+    one neighbour that is the paper's formula; with more it is cheaper, as a broker needs one copy only.
     """
+    center_gradients = counts.gradients_support + energy.beta * counts.gradients_query
+    down_bit_per_j = downlink_bit_per_j(energy)
     if energy.sidelink == "direct":
-        return transfer_j(delivered_bytes, energy.sl_bit_per_j)
-    down_j = energy.pue * transfer_j(delivered_bytes, downlink_bit_per_j(energy))
-    return transfer_j(sent_bytes, energy.ul_bit_per_j) + down_j
-
-
-def bill(counts: Counts, energy: Energy) -> Bill:
-    """The literal price list: eqs. (8)-(12) on `counts`."""
-    return Bill(
-        ml_learning_j=ml_learning_j(counts.gradients_support, counts.gradients_query, energy),
-        ml_communication_j=ml_communication_j(counts.uplink_bytes, counts.downlink_bytes, energy),
-        fl_learning_j=fl_learning_j(counts.gradients_robots, energy),
-        fl_communication_j=fl_communication_j(counts.sidelink_bytes, counts.sidelink_sent_bytes, energy),
+        side_robots_j, side_center_j = transfer_j(counts.sidelink_bytes, energy.sl_bit_per_j), 0.0
+    else:
+        side_robots_j = transfer_j(counts.sidelink_sent_bytes, energy.ul_bit_per_j)
+        side_center_j = energy.pue * transfer_j(counts.sidelink_bytes, down_bit_per_j)
+    return Cost(
+        center_computing_j=energy.pue * center_gradients * data_center_gradient_j(energy),
+        robot_computing_j=counts.gradients_robots * robot_gradient_j(energy),
+        uplink_j=transfer_j(counts.uplink_bytes, energy.ul_bit_per_j),
+        downlink_j=transfer_j(counts.downlink_bytes, down_bit_per_j),
+        sidelink_robots_j=side_robots_j,
+        sidelink_center_j=side_center_j,
     )
+
+
+def bill(counts: StageCounts, energy: Energy) -> Bill:
+    """The literal price list on both stages of an arm, eq. (12)."""
+    return Bill(price(counts.ml, energy), price(counts.fl, energy))
 
 
 def closed_form(
     t0: float, training_robots: int, clusters: Iterable[ClusterRounds], sizes: RoundSizes = TABLE_I
-) -> Counts:
+) -> StageCounts:
     """The counts that eqs. (9) and (11) assume, from round numbers alone.
 
     Args:
@@ -178,15 +120,18 @@ def closed_form(
     clusters = list(clusters)
     robots = sum(cluster.robots for cluster in clusters)
     robot_rounds = sum(cluster.rounds * cluster.robots for cluster in clusters)
-    return Counts(
+    meta = Counts(
         gradients_support=t0 * training_robots * sizes.support_batches,
         gradients_query=t0 * training_robots * sizes.query_batches,
-        gradients_robots=robot_rounds * sizes.robot_batches,
         uplink_bytes=t0 * training_robots * sizes.experience_bytes,
         downlink_bytes=robots * sizes.weights_bytes if t0 > 0 else 0,
+    )
+    tasks = Counts(
+        gradients_robots=robot_rounds * sizes.robot_batches,
         sidelink_bytes=sum(cluster.rounds * cluster.links for cluster in clusters) * sizes.weights_bytes,
         sidelink_sent_bytes=sum(c.rounds * c.robots for c in clusters if c.links) * sizes.weights_bytes,
     )
+    return StageCounts(meta, tasks)
 
 
 def directed_links(robots: int, federation: Federation) -> int:

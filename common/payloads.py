@@ -92,6 +92,14 @@ class RoundRequest(_Header):
     last: int = Field(ge=0)
 
 
+class Episode(_Header):
+    """A robot's greedy episode with the data center's model of a round (centralized learning)."""
+
+    agent: int = Field(ge=1)
+    round: int = Field(ge=1)
+    reward: FiniteFloat
+
+
 HeaderT = TypeVar("HeaderT", bound=_Header)
 
 

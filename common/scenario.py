@@ -53,9 +53,9 @@ class Scenario(Section):
             landmarks = task_map.rows * task_map.cols
             if task.rewards is not None and len(task.rewards) != landmarks:
                 raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
-        if "maml" in self.arms and self.meta.t0 < 1:
-            raise ValueError('meta.t0 is 0, expected 1 or more (or methods=["fl"])')
-        if "maml" in self.arms and not set(self.meta.training_tasks) <= set(ids):
+        if self.meta_methods and self.meta.t0 < 1:
+            raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
+        if self.meta_methods and not set(self.meta.training_tasks) <= set(ids):
             raise ValueError(f"meta.training_tasks {self.meta.training_tasks} are not all among the tasks {ids}")
         for name in ("snapshots", "adapt_from"):
             rounds = getattr(self.meta, name)

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveFloat = Annotated[float, Field(gt=0)]
+CarbonIntensity = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Section(BaseModel):
@@ -130,6 +131,8 @@ class Energy(Section):
     sl_bit_per_j: PositiveFloat = 500e3
     dl_bit_per_j: PositiveFloat | None = Field(None, description="default: as uplink (the paper gives none)")
     sidelink: Literal["direct", "via_base_station"] = "direct"
+    datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
+    robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
 
 
 class Bus(Section):

@@ -10,6 +10,7 @@ import re
 from enum import StrEnum
 
 from common.errors import ConfigurationError
+from common.methods import SERVED_METHODS, method_of
 
 ROOT = "jouleswarm"
 
@@ -69,6 +70,26 @@ def meta_model(run: str, arm: str, agent: int | None = None) -> str:
 def weights(run: str, arm: str, task: int, agent: int) -> str:
     """A robot's weights of one round, to its neighbours."""
     return f"{ROOT}/{run}/{arm}/sl/{task}/{agent}/weights"
+
+
+def weights_up(run: str, arm: str, task: int, agent: int) -> str:
+    """A robot's weights of one round, to the parameter server (fedavg)."""
+    return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/weights"
+
+
+def cluster_model(run: str, arm: str, task: int) -> str:
+    """One round's model from the data center to all robots of a cluster (fedavg, centralized)."""
+    return f"{ROOT}/{run}/{arm}/dl/{task}/model"
+
+
+def episode(run: str, arm: str, task: int, agent: int) -> str:
+    """The reward of a robot's episode with the data center's model of a round (centralized)."""
+    return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/episode"
+
+
+def model_again(run: str, arm: str, task: Level) -> str:
+    """Asks the data center for a cluster's model of a round again."""
+    return f"{ROOT}/{run}/{arm}/ctl/{task}/0/again"
 
 
 def presence(run: str, task: Level, agent: Level) -> str:
@@ -134,7 +155,14 @@ def arm_of(topic: str) -> str:
     return topic.split("/", 4)[2]
 
 
+def task_of(topic: str) -> str:
+    """The level of an experience, weights or model topic that holds its task's id."""
+    return topic.split("/", 5)[4]
+
+
 def phase_of(topic: str) -> str:
     """Learning phase (maml, fl or control) that a metered topic's bytes belong to."""
     link = link_of(topic)
-    return _PHASES[link] if link else "control"
+    if link is None:
+        return "control"
+    return "fl" if link != Link.CONTROL and method_of(arm_of(topic)) in SERVED_METHODS else _PHASES[link]

@@ -27,8 +27,8 @@ def main(
 ) -> None:
     """Start the data center: it trains the meta-model on the training robots' experience and sends it down.
 
-    It takes the experience of t0 MAML rounds from the uplink, stays until every robot of the scenario has the
-    meta-model, and ends. CUDA is used where there is one.
+    For a meta method it takes the experience of t0 rounds from the uplink and stays until every robot of the scenario
+    has the meta-model; for fedavg and centralized it serves every round. CUDA is used where there is one.
 
     Example: python -m datacenter --broker mqtt://localhost:1883 --scenario scenarios/quick.toml
     """
@@ -39,11 +39,11 @@ def main(
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
-        from datacenter.server import ARM, run_datacenter
+        from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
-        if ARM not in settings.arms:
-            raise ConfigurationError(f"scenario {scenario}: arms {settings.arms} need no data center")
+        if not settings.needs_datacenter:
+            raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
         use_one_thread()
         name = topics.run_name(run or settings.name)
         bus = MqttBus.connect(

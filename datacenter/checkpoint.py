@@ -14,8 +14,10 @@ import safetensors.torch
 
 from common.errors import RunError
 from common.payloads import MotionHeader
-from datacenter.collector import Motion
 from datacenter.metalearner import MetaLearner
+from datacenter.motions import Motion
+
+_FINISHED = "finished"
 
 RoundMotions = dict[int, list[list[Motion]]]
 
@@ -43,6 +45,21 @@ class Checkpoint:
             safetensors.torch.save(learner.state(), metadata={"round": str(round_), "scenario": learner.fingerprint}),
         )
 
+    def keep_model(self, round_: int, payload: bytes) -> None:
+        """Keep a meta-model that goes down when the stage is over."""
+        if self._folder is not None:
+            self._write(f"model-{round_:05d}", payload)
+
+    def models(self) -> dict[int, bytes]:
+        """Round -> meta-model kept, of rounds before the one that `restore` goes on from."""
+        paths = sorted(self._folder.glob("model-*.safetensors")) if self._folder else []
+        return {int(path.stem.removeprefix("model-")): path.read_bytes() for path in paths}
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether this stage was finished, and the robots have its models."""
+        return self._folder is not None and (self._folder / _FINISHED).exists()
+
     def restore(self, learner: MetaLearner) -> int:
         """Bring `learner` to where the last whole round left it; returns that round, 0 without any.
 
@@ -68,11 +85,17 @@ class Checkpoint:
             ) from error
         return round_
 
-    def clear(self) -> None:
-        """The stage is over and the meta-model is with the robots: forget."""
+    def finish(self) -> None:
+        """The stage is over and the meta-models are with the robots: forget all but that."""
         if self._folder is not None:
+            (self._folder / _FINISHED).touch()
             for path in self._folder.glob("*.safetensors"):
                 path.unlink()
+
+    def clear(self) -> None:
+        """The run is over: leave no trace."""
+        if self._folder is not None:
+            (self._folder / _FINISHED).unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # somebody else's files may be in it
                 self._folder.rmdir()
 

@@ -2,52 +2,35 @@
 
 from __future__ import annotations
 
-import logging
 import time
-from dataclasses import dataclass
-
-import numpy as np
-import numpy.typing as npt
 
 from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError
-from common.frames import resize
-from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, decode_motion, encode_json
+from common.payloads import RoundRequest, decode_json, encode_json
 from common.scenario import Scenario
-
-log = logging.getLogger("jouleswarm.datacenter")
-
-
-@dataclass(frozen=True)
-class Motion:
-    """One motion as the data center keeps it: the frame at the network's size, uint8 [height, width, 4]."""
-
-    frame: npt.NDArray[np.uint8]
-    header: MotionHeader
+from datacenter.desk import Desk, log
+from datacenter.motions import Motion, read_motion
 
 
-class Collector:
-    """Receives experience, asks again for what is missing, and knows which robots have come how far."""
+class Collector(Desk):
+    """Receives the training robots' experience for one meta method, and asks again for what is missing."""
 
-    def __init__(self, bus: Bus, scenario: Scenario, run: str, arm: str) -> None:
-        self._bus, self._scenario, self._run, self._arm = bus, scenario, run, arm
+    def __init__(self, bus: Bus, scenario: Scenario, run: str, method: str) -> None:
+        super().__init__(bus, scenario, run, method)
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
         self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
-        self._stages: dict[int, int] = dict.fromkeys(scenario.agents, -1)
-        self._asked_for_model: list[int] = []
+        self._asked_for_model: list[tuple[str, int]] = []
         self._collected = 0
-        self.refused = 0
-        self.subscriptions = [
-            *(topics.experience(run, arm, task, agent) for agent, task in self._training.items()),
-            topics.meta_resend(run, arm),
-            *(topics.presence(run, scenario.task_of(agent), agent) for agent in scenario.agents),
+        self.subscriptions += [
+            *(topics.experience(run, method, task, agent) for agent, task in self._training.items()),
+            *(topics.meta_resend(run, arm.name) for arm in scenario.arms if arm.method == method),
         ]
 
     def join(self, collected: int) -> None:
         """Listen; rounds up to `collected` are in hand already."""
         self._collected = collected
-        self._bus.subscribe(*self.subscriptions, qos=self._scenario.bus.qos)
+        self.listen()
 
     def announce_wanted(self, first: int, last: int) -> None:
         """Ask the training robots for rounds `first` to `last` (retained: those who come late hear it too)."""
@@ -58,7 +41,7 @@ class Collector:
         """Training task -> one list of motions, in order, for each of its robots."""
         wait_s, quiet_from, quiet_spells = self._scenario.bus.resend_after_s, time.monotonic(), 0
         while missing := self._missing(round_):
-            if self._take_next(wait_s):
+            if self.take_next(wait_s):
                 quiet_from, quiet_spells = time.monotonic(), 0
             elif time.monotonic() - quiet_from >= wait_s:
                 log.info("waiting for round %d of robots %s", round_, missing)
@@ -72,12 +55,12 @@ class Collector:
             for task, agents in self._scenario.training_agents.items()
         }
 
-    def robots_that_missed_the_model(self, stage: int) -> list[int] | None:
-        """Robots that ask for the meta-model again; None once every robot has come as far as `stage`."""
+    def robots_that_missed_a_model(self, stage: int) -> list[tuple[str, int]] | None:
+        """(arm, robot) of those that ask for a meta-model again; None once every robot has come as far as `stage`."""
         while not self._asked_for_model:
-            if all(reached >= stage for reached in self._stages.values()):
+            if self.all_reached(stage):
                 return None
-            self._take_next(self._scenario.bus.resend_after_s)
+            self.take_next(self._scenario.bus.resend_after_s)
         asked, self._asked_for_model = self._asked_for_model, []
         return asked
 
@@ -94,36 +77,21 @@ class Collector:
                 topic = topics.collect_again(self._run, self._arm, self._training[agent], agent)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 
-    def _take_next(self, timeout_s: float) -> bool:
-        message = self._bus.receive(timeout_s)
-        if message is None:
-            return False
-        try:
-            self._take(message)
-        except PayloadError as error:
-            self.refused += 1
-            log.warning("refused a message on %s: %s", message.topic, error)
-        return True
-
-    def _take(self, message: Message) -> None:
+    def take(self, message: Message) -> None:
         kind = message.topic.rsplit("/", 1)[-1]
         if kind == "experience":
             self._take_motion(message)
         elif kind == "resend":
             agent = decode_json(message.payload, RoundRequest).first
             if agent in self._stages:
-                self._asked_for_model.append(agent)
-        elif message.payload:
-            presence = decode_json(message.payload, Presence)
-            if presence.state == "gone":
-                log.warning("robot %d is gone; waiting for it to come back", presence.agent)
-            elif presence.agent in self._stages:
-                self._stages[presence.agent] = presence.stage
+                self._asked_for_model.append((topics.arm_of(message.topic), agent))
+        else:
+            super().take(message)
 
     def _take_motion(self, message: Message) -> None:
-        camera, network = self._scenario.camera, self._scenario.network
         _, _, _, _, task, agent, _ = message.topic.split("/")
-        frame, header = decode_motion(message.payload, camera.height, camera.width)
+        read = read_motion(message.payload, self._scenario)
+        header = read.header
         if (header.task, header.agent) != (int(task), int(agent)):
             raise PayloadError(
                 f"experience of robot {header.agent}, task {header.task}; expected robot {agent}, task {task}"
@@ -136,4 +104,4 @@ class Collector:
             )
         if header.round > self._collected:
             arrived = self._motions.setdefault(header.round, {}).setdefault(header.agent, {})
-            arrived[header.motion] = Motion(resize(frame, network.width, network.height), header)
+            arrived[header.motion] = read

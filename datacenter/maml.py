@@ -1,9 +1,9 @@
-"""MAML, eqs. (3)-(5), as pure functions on dictionaries of parameters."""
+"""MAML, eqs. (3)-(5), and its relatives as pure functions on dictionaries of parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -57,15 +57,26 @@ def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool
 
 
 def adapt(
-    params: Params, support: Sequence[TensorBatch], loss: Loss, inner_lr: float, clip: float = math.inf
+    params: Params,
+    support: Sequence[TensorBatch],
+    loss: Loss,
+    inner_lr: float,
+    clip: float = math.inf,
+    inner: Collection[str] | None = None,
 ) -> Params:
     """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`.
 
-    Gradients longer than `clip` (2-norm over all parameters) are shortened to it, as the robots' are.
+    Gradients longer than `clip` (2-norm over all parameters that adapt) are shortened to it, as the robots' are.
+    `inner` names the parameters that adapt, all by default; the others stay (ANIL: the last layer only).
     """
     for batch in support:
-        gradient = clipped(grad(loss)(params, batch), clip)
-        params = {name: value - inner_lr * gradient[name] for name, value in params.items()}
+        fixed, moving = params, {name: params[name] for name in (inner or params)}
+
+        def partial_loss(part: Params, batch: TensorBatch = batch, fixed: Params = fixed) -> Tensor:
+            return loss({**fixed, **part}, batch)
+
+        gradient = clipped(grad(partial_loss)(moving), clip)
+        params = {**fixed, **{name: value - inner_lr * gradient[name] for name, value in moving.items()}}
     return params
 
 
@@ -92,6 +103,7 @@ def meta_gradient(
     *,
     exact: bool,
     clip: float = math.inf,
+    inner: Collection[str] | None = None,
 ) -> tuple[Params, Params]:
     """One task's gradient of eq. (4), and the adapted parameters phi.
 
@@ -99,15 +111,29 @@ def meta_gradient(
     taken as the identity and the gradient is the one at phi.
     """
     if not exact:
-        adapted = adapt(params, support, loss, inner_lr, clip)
+        adapted = adapt(params, support, loss, inner_lr, clip, inner)
         return grad(query_loss)(adapted, query, loss), adapted
 
     def through(start: Params) -> tuple[Tensor, Params]:
-        adapted = adapt(start, support, loss, inner_lr, clip)
+        adapted = adapt(start, support, loss, inner_lr, clip, inner)
         return query_loss(adapted, query, loss), adapted
 
     gradient, adapted = grad(through, has_aux=True)(params)
     return gradient, _detached(adapted)
+
+
+def reptile_gradient(
+    params: Params, batches: Sequence[TensorBatch], loss: Loss, inner_lr: float, clip: float = math.inf
+) -> tuple[Params, Params]:
+    """Reptile's direction W - phi (Nichol et al. 2018), phi after one SGD step a batch, and phi."""
+    adapted = adapt(params, batches, loss, inner_lr, clip)
+    return {name: value - adapted[name] for name, value in params.items()}, adapted
+
+
+def head_of(model: nn.Sequential) -> tuple[str, ...]:
+    """Names of the last layer's parameters."""
+    last = str(len(model) - 1)
+    return tuple(name for name, _ in model.named_parameters() if name.split(".")[0] == last)
 
 
 def _detached(params: Params) -> Params:

@@ -9,14 +9,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
+from torch.func import grad
 
 from common.errors import TrainingError
+from common.methods import Method
 from common.qnetwork import build_qnetwork, to_weights
 from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
-from datacenter.collector import Motion
-from datacenter.maml import Params, TensorBatch, make_loss, meta_gradient, to_tensors
+from datacenter.maml import Loss, Params, TensorBatch, head_of, make_loss, meta_gradient, reptile_gradient, to_tensors
+from datacenter.motions import Motion, remember
 
 
 @dataclass(frozen=True)
@@ -28,10 +30,10 @@ class Gradients:
 
 
 class MetaLearner:
-    """Eqs. (3)-(5) round by round, on a CUDA device where there is one."""
+    """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario, self._settings = scenario, scenario.meta
+    def __init__(self, scenario: Scenario, method: Method) -> None:
+        self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
         self._parameters = list(self._model.parameters())
@@ -48,44 +50,60 @@ class MetaLearner:
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
-        replay = self._replays[task]
-        for index, motion in enumerate(motions):
-            header = motion.header
-            replay.observe(motion.frame, first=header.first or index == 0)
-            replay.act(header.action, header.reward, terminated=header.terminated)
+        remember(self._replays[task], motions)
 
     def learn(self, round_: int) -> dict[int, Gradients]:
-        """One MAML round over all training tasks; returns the gradients computed for each.
+        """One round over all training tasks; returns the gradients computed for each.
 
         Random draws depend on seed, round and task only, so that a round resumed is the round undisturbed.
 
         Raises:
             TrainingError: a meta-gradient is not finite.
         """
-        params = {name: value.detach() for name, value in self._model.named_parameters()}
-        total: list[Tensor] = [torch.zeros_like(value) for value in params.values()]
-        for task in self._settings.training_tasks:
-            support, query = self._draw(task, round_)
-            loss = make_loss(
-                self._model,
-                self._targets[task],
-                self._scenario.learning.discount,
-                double=self._scenario.learning.double,
-            )
-            gradient, adapted = meta_gradient(
-                params,
-                support,
-                query,
-                loss,
-                self._settings.inner_lr,
-                exact=self._settings.order == "exact",
-                clip=self._scenario.learning.grad_clip,
-            )
+        batches = {task: self._draw(task, round_) for task in self._settings.training_tasks}
+        if self._method == "multitask":
+            return self._learn_jointly(batches, round_)
+        total = [torch.zeros_like(value) for value in self._parameters]
+        for task, (support, query) in batches.items():
+            gradient, adapted = self._gradient(task, support, query)
             torch._foreach_add_(total, list(gradient.values()))
-            self._track(task, adapted)
+            self._track(task, adapted, self._settings.target_polyak)
         self._update(total, round_)
-        counts = Gradients(self._settings.support_batches, self._settings.query_batches)
-        return dict.fromkeys(self._settings.training_tasks, counts)
+        if self._method == "reptile":  # every batch is one of the adaptation
+            return {task: Gradients(len(support) + len(query), 0) for task, (support, query) in batches.items()}
+        return {task: Gradients(len(support), len(query)) for task, (support, query) in batches.items()}
+
+    def _gradient(self, task: int, support: list[TensorBatch], query: list[TensorBatch]) -> tuple[Params, Params]:
+        """A task's meta-gradient and its adapted model."""
+        settings, clip = self._settings, self._scenario.learning.grad_clip
+        params, loss = self._params(), self._loss(task)
+        if self._method == "reptile":
+            return reptile_gradient(params, [*support, *query], loss, settings.inner_lr, clip)
+        inner = head_of(self._model) if self._method == "anil" else None
+        exact = self._method != "fomaml"
+        return meta_gradient(params, support, query, loss, settings.inner_lr, exact=exact, clip=clip, inner=inner)
+
+    def _learn_jointly(
+        self, batches: dict[int, tuple[list[TensorBatch], list[TensorBatch]]], round_: int
+    ) -> dict[int, Gradients]:
+        """Joint training: one step on a batch of every task at once, as many steps as there are batches."""
+        lists = {task: [*support, *query] for task, (support, query) in batches.items()}
+        for step in zip(*lists.values(), strict=True):
+            params = self._params()
+            total = [torch.zeros_like(value) for value in self._parameters]
+            for task, batch in zip(lists, step, strict=True):
+                torch._foreach_add_(total, list(grad(self._loss(task))(params, batch).values()))
+            self._update(total, round_)
+            for task in lists:
+                self._track(task, self._params(), self._scenario.learning.target_polyak)
+        return {task: Gradients(len(each), 0) for task, each in lists.items()}
+
+    def _params(self) -> Params:
+        return {name: value.detach() for name, value in self._model.named_parameters()}
+
+    def _loss(self, task: int) -> Loss:
+        learning = self._scenario.learning
+        return make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
 
     def weights(self) -> dict[str, npt.NDArray[np.float32]]:
         """A copy of the meta-model's parameters."""
@@ -95,7 +113,7 @@ class MetaLearner:
     def fingerprint(self) -> str:
         """Of all that the training depends on: a state goes on bit by bit only where this is the same."""
         settings = self._scenario.model_dump_json(exclude={"name", "energy", "bus"})
-        return hashlib.sha256(settings.encode()).hexdigest()
+        return hashlib.sha256(f"{self._method} {settings}".encode()).hexdigest()
 
     def state(self) -> dict[str, Tensor]:
         """Everything that `load_state` needs to go on, as named tensors (replay apart)."""
@@ -129,9 +147,9 @@ class MetaLearner:
         query = [replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)]
         return [to_tensors(each, self._device) for each in support], [to_tensors(each, self._device) for each in query]
 
-    def _track(self, task: int, adapted: Params) -> None:
+    def _track(self, task: int, adapted: Params, rate: float) -> None:
         """The task's target network q~ follows its adapted models."""
-        torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak)
+        torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), rate)
 
     def _update(self, gradients: list[Tensor], round_: int) -> None:
         for parameter, gradient in zip(self._parameters, gradients, strict=True):

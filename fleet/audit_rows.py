@@ -13,11 +13,12 @@ from common.energy import (
     PUBLISHED_ML_ROUND_J,
     Bill,
     ClusterRounds,
+    Counts,
     PublishedBill,
     bill,
     closed_form,
     data_center_gradient_j,
-    fl_communication_j,
+    price,
     published_bill,
     robot_gradient_j,
 )
@@ -144,7 +145,7 @@ def _rounds() -> list[AuditRow]:
 def _per_round() -> list[AuditRow]:
     ml = bill(closed_form(1, TRAINING_ROBOTS, []), EFFICIENT_SIDELINK)
     fl = bill(closed_form(0, 0, [ClusterRounds(1)]), EFFICIENT_SIDELINK)
-    light_j = fl.fl_learning_j + fl_communication_j(2 * 5.2e6, 2 * 5.2e6, EFFICIENT_SIDELINK)
+    light_j = fl.fl_learning_j + price(Counts(sidelink_bytes=2 * 5.2e6), EFFICIENT_SIDELINK).sidelink_j
     return [
         AuditRow(
             "IV-B", "one MAML round: 74 kJ / 210", "J", "352", literal=ml.ml_j, published=PUBLISHED_ML_ROUND_J,

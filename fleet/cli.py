@@ -97,24 +97,33 @@ def report(
     sl: Annotated[float | None, typer.Option(help="Sidelink efficiency, kb/J.")] = None,
     dl: Annotated[float | None, typer.Option(help="Downlink efficiency, kb/J.")] = None,
     pue: Annotated[float | None, typer.Option(help="Power usage effectiveness of the data center.")] = None,
-    beta: Annotated[float | None, typer.Option(help="Cost of a meta-gradient over a first-order one.")] = None,
+    beta: Annotated[
+        str | None, typer.Option(metavar="FLOAT", help="Cost of a meta-gradient over a first-order one.")
+    ] = None,
+    carbon_datacenter: Annotated[
+        float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")
+    ] = None,
+    carbon_robots: Annotated[
+        float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")
+    ] = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
 ) -> None:
-    """Price a finished run again, at other efficiencies. Nothing is trained again; the run's files stay."""
+    """Price a finished run again, at other efficiencies or in gCO2e. Nothing is trained again; its files stay."""
+    from fleet.prices import Prices, parse_beta
     from fleet.report import report as print_bill
 
-    print_bill(
-        run_directory,
-        ul_kb_per_j=ul,
-        sl_kb_per_j=sl,
-        dl_kb_per_j=dl,
+    prices = Prices(
+        ul=ul,
+        sl=sl,
+        dl=dl,
         pue=pue,
-        beta=beta,
+        beta=None if beta is None else parse_beta(beta),
+        carbon_datacenter=carbon_datacenter,
+        carbon_robots=carbon_robots,
         via_base_station=via_base_station,
-        html=figures,
-        figures=figures,
     )
+    print_bill(run_directory, prices, html=figures, figures=figures)
 
 
 @app.command()

@@ -1,10 +1,11 @@
-"""What a scenario's round should compute and move, from its settings alone, to hold measurements against."""
+"""What a scenario's rounds should compute and move, from its settings alone, to hold measurements against."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from common.energy import ClusterRounds, Counts, RoundSizes, closed_form, directed_links
+from common.energy import ClusterRounds, Counts, RoundSizes, StageCounts, closed_form, directed_links
+from common.methods import META_METHODS
 from common.scenario import Scenario
 from common.settings import Network
 
@@ -25,20 +26,39 @@ def scenario_sizes(scenario: Scenario) -> RoundSizes:
     )
 
 
-def expected_counts(scenario: Scenario, t0: float, rounds: Mapping[int, float], sizes: RoundSizes) -> Counts:
-    """Closed form of an arm, eqs. (9) and (11).
+def expected_counts(
+    scenario: Scenario, method: str, t0: float, rounds: Mapping[int, float], sizes: RoundSizes
+) -> StageCounts:
+    """Closed form of an arm, eqs. (9) and (11) and their like.
+
+    - fl and what follows meta-learning: sum of t_i x robots x B_i gradients, t_i x directed links x b(W);
+    - isolated: the gradients alone;
+    - fedavg: the gradients, t_i x robots x b(W) up and as much down;
+    - centralized: t_i x robots x B_i gradients in the data center, t_i x robots x b(E) up and x b(W) down.
 
     Args:
-        t0: MAML rounds, 0 in the arm without.
-        rounds: t_i by task id.
+        method: the arm's method; every meta-learning method is taken to compute MAML's batches in its rounds.
+        t0: rounds of meta-learning, 0 without.
+        rounds: t_i by task id, the mean over its robots where each stops by itself.
         sizes: of a round; `scenario_sizes`, or the paper's `TABLE_I`.
     """
-    clusters = []
-    for task, task_rounds in rounds.items():
-        robots = len(scenario.cluster(task))
-        clusters.append(ClusterRounds(task_rounds, robots, directed_links(robots, scenario.federation)))
-    training_robots = sum(len(agents) for agents in scenario.training_agents.values()) if t0 else 0
-    return closed_form(t0, training_robots, clusters, sizes)
+    if method in META_METHODS or method == "fl":
+        clusters = []
+        for task, task_rounds in rounds.items():
+            robots = len(scenario.cluster(task))
+            clusters.append(ClusterRounds(task_rounds, robots, directed_links(robots, scenario.federation)))
+        training_robots = sum(len(agents) for agents in scenario.training_agents.values()) if t0 else 0
+        return closed_form(t0, training_robots, clusters, sizes)
+    robot_rounds = sum(task_rounds * len(scenario.cluster(task)) for task, task_rounds in rounds.items())
+    gradients, weights_bytes = robot_rounds * sizes.robot_batches, robot_rounds * sizes.weights_bytes
+    if method == "isolated":
+        tasks = Counts(gradients_robots=gradients)
+    elif method == "fedavg":
+        tasks = Counts(gradients_robots=gradients, uplink_bytes=weights_bytes, downlink_bytes=weights_bytes)
+    else:
+        experience_bytes = robot_rounds * sizes.experience_bytes
+        tasks = Counts(gradients_support=gradients, uplink_bytes=experience_bytes, downlink_bytes=weights_bytes)
+    return StageCounts(fl=tasks)
 
 
 def _parameters(network: Network) -> int:

@@ -12,16 +12,18 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from common.settings import Energy
+from fleet.arms import INK
+from fleet.report_bars import energy_figure, rounds_figure
+from fleet.report_curves import bytes_figure, rewards_figure
 from fleet.report_data import Run
-from fleet.report_drawings import INK, bytes_figure, energy_figure, rewards_figure, rounds_figure
 
 CAPTIONS = {
-    "energy": "Energy of meta-learning and of each task's federated adaptation (equations (8)-(12), measured payload "
-    "bytes; closed form where nothing was metered). Plain: learning; hatched: communication.",
-    "rounds": "MAML rounds in the data center and FL rounds until each task was learned; a cross marks a task that "
-    "was not.",
-    "rewards": "Running reward R of each cluster by FL round; thin lines are single robots' greedy episodes, dashed "
-    "is the reward at which a task counts as learned.",
+    "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), measured payload bytes; "
+    "closed form where nothing was metered). Plain: learning; hatched: communication.",
+    "rounds": "Rounds of meta-learning in the data center and rounds until each task was learned; a cross marks a "
+    "task that was not.",
+    "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
+    "episodes; dashed is the reward at which a task counts as learned; a cross ends a task that was not.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }
 STYLE: dict[Any, Any] = {

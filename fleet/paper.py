@@ -1,4 +1,4 @@
-"""What the paper prints, each number with its place. Nothing here is computed.
+"""What the paper prints, each number with its place, and which arms it says anything about.
 
 Savazzi, Rampa, Kianoush, Bennis, "On the Energy and Communication Efficiency Tradeoffs in Federated and Multi-Task
 Learning", 2022, arXiv 2212.01049. Its other constants (Table I) are the defaults of `common.settings.Energy`.
@@ -7,6 +7,9 @@ Learning", 2022, arXiv 2212.01049. Its other constants (Table I) are the default
 from __future__ import annotations
 
 from typing import NamedTuple
+
+from common.energy import PublishedBill, published_bill
+from common.settings import Energy
 
 # Table II: MAML rounds t0 -> FL rounds t_1 .. t_6, means of 15 Monte Carlo runs. 0 is "no MAML".
 TABLE_II: dict[int, tuple[float, ...]] = {
@@ -38,8 +41,19 @@ BEST_SIDELINK = PrintedTotal(200e3, 500e3, 42, None, 56e3)  # section IV-C, Fig.
 BEST_UPLINK = PrintedTotal(500e3, 200e3, 132, None, 52e3)  # section IV-C, Fig. 4a, red
 
 
-def printed_total(arm: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float) -> PrintedTotal | None:
-    """The printed total nearest to a run: of its arm and efficiencies, of its t0 if there is one for it."""
-    totals = (NO_MAML,) if arm == "fl" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
+PAPER_METHODS = ("fl", "maml", "fomaml")
+"""Methods whose energy the paper prints: it does not say whether its gradients through gradients are exact."""
+
+
+def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float) -> PrintedTotal | None:
+    """The printed total nearest to an arm: of its method and efficiencies, of its t0 if there is one for it."""
+    if method not in PAPER_METHODS:
+        return None
+    totals = (NO_MAML,) if method == "fl" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
     fitting = [each for each in totals if (each.ul_bit_per_j, each.sl_bit_per_j) == (ul_bit_per_j, sl_bit_per_j)]
     return next((each for each in fitting if each.t0 == t0), fitting[0] if fitting else None)
+
+
+def published_of(method: str, t0: float, fl_rounds: float, energy: Energy) -> PublishedBill | None:
+    """An arm by the published price list, or None where the paper implies nothing: other methods or efficiencies."""
+    return published_bill(t0, fl_rounds, energy) if method in PAPER_METHODS else None

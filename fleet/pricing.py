@@ -1,19 +1,22 @@
-"""From a run's facts (rounds and bytes) to what is priced and to `summary.json`. Pure; no files."""
+"""From a run's facts (rounds and bytes) to what is priced, arm by arm. Pure; no files, no prices.
+
+Arms of one meta-learning method share its stage: rows and uplink bytes are booked under the method's own name, and
+each arm that starts from an earlier meta-model is charged for the rounds up to it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import fmean
-from typing import Any, Literal
 
-from common import topics
-from common.energy import Bill, Counts, PublishedBill, bill, published_bill
+from common.bill import Counts, StageCounts
 from common.meter import MeterRow
+from common.methods import META_METHODS, method_of, snapshot_of
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.topics import Link
-from fleet.traffic import Measure, metered_by, sent_bytes, traffic
+from fleet.traffic import Measure, sent_bytes, traffic
 
 
 @dataclass(frozen=True)
@@ -21,13 +24,44 @@ class TaskResult:
     """How one task went in one arm."""
 
     task: int
-    rounds: int  # t_i
-    reward: float | None  # the cluster's running reward R after them
+    rounds: int  # t_i; where robots stop by themselves, of the last one
+    reward: float | None  # the cluster's running reward R after them; the mean of theirs where each has its own
     rmse_m: float | None
     learned: bool
+    robot_rounds: int  # summed over the robots
 
 
-def counts(
+def arm_counts(
+    rows: Iterable[RoundRow], meter_rows: Sequence[MeterRow], arm: str, *, measure: Measure = "payload"
+) -> StageCounts:
+    """What an arm computed and moved in both stages, all tasks together."""
+    rows = list(rows)
+    return StageCounts(
+        meta_counts(rows, meter_rows, arm, measure=measure), task_counts(rows, meter_rows, arm, measure=measure)
+    )
+
+
+def meta_counts(
+    rows: Iterable[RoundRow], meter_rows: Sequence[MeterRow], arm: str, *, measure: Measure = "payload"
+) -> Counts:
+    """What the meta-learning behind an arm computed and moved, up to the round that the arm starts from.
+
+    The downlink is the arm's own. Nothing for methods without meta-learning.
+    """
+    method = method_of(arm)
+    if method not in META_METHODS:
+        return Counts()
+    stage = [row for row in rows if row.arm == method and row.phase == "maml"]
+    part, whole = _uplink_share([row for row in stage if row.agent == 0], snapshot_of(arm))
+    uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK), measure)
+    behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
+    return _gradients(behind) + Counts(
+        uplink_bytes=uplink_bytes * part / whole,
+        downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK), measure),
+    )
+
+
+def task_counts(
     rows: Iterable[RoundRow],
     meter_rows: Sequence[MeterRow],
     arm: str,
@@ -35,31 +69,28 @@ def counts(
     task: int | None = None,
     measure: Measure = "payload",
 ) -> Counts:
-    """What an arm (or one task's federated stage of it) computed and moved.
+    """What an arm's learning of `task` (default: of all tasks) computed and moved, meta-learning left out.
 
-    With `task`, the data center's work and the uplink are left out: they serve all tasks.
+    In the methods in which the data center serves every round, that is its gradients, uplink and downlink as well.
     """
-    mine = [row for row in rows if row.arm == arm and task in (None, row.task)]
-    center = [row for row in mine if row.agent == 0 and task is None]
-    side_bytes = getattr(traffic(meter_rows, arm, Link.SIDELINK, task), measure)
-    shared = {
-        link: 0 if task is not None else getattr(traffic(meter_rows, arm, link), measure)
-        for link in (Link.UPLINK, Link.DOWNLINK)
-    }
-    return Counts(
-        gradients_support=sum(row.gradients - (row.gradients_query or 0) for row in center),
-        gradients_query=sum(row.gradients_query or 0 for row in center),
-        gradients_robots=sum(row.gradients for row in mine if row.agent != 0),
-        uplink_bytes=shared[Link.UPLINK],
-        downlink_bytes=shared[Link.DOWNLINK],
-        sidelink_bytes=side_bytes,
+    mine = [row for row in rows if row.arm == arm and row.phase == "fl" and task in (None, row.task)]
+    served = () if method_of(arm) in META_METHODS else (Link.UPLINK, Link.DOWNLINK)
+    moved = {link: getattr(traffic(meter_rows, arm, link, task), measure) for link in (Link.SIDELINK, *served)}
+    return _gradients(mine) + Counts(
+        uplink_bytes=moved.get(Link.UPLINK, 0),
+        downlink_bytes=moved.get(Link.DOWNLINK, 0),
+        sidelink_bytes=moved[Link.SIDELINK],
         sidelink_sent_bytes=sent_bytes(meter_rows, arm, task, measure),
     )
 
 
-def maml_rounds(rows: Iterable[RoundRow]) -> int:
-    """t0: MAML rounds that the data center finished."""
-    return max((row.round for row in rows if row.agent == 0 and row.phase == "maml"), default=0)
+def meta_rounds(rows: Iterable[RoundRow], arm: str) -> int:
+    """t0: rounds of meta-learning done behind an arm's model; 0 for methods without."""
+    method, snapshot = method_of(arm), snapshot_of(arm)
+    if method not in META_METHODS:
+        return 0
+    done = max((row.round for row in rows if (row.arm, row.agent, row.phase) == (method, 0, "maml")), default=0)
+    return done if snapshot is None else min(done, snapshot)
 
 
 def task_results(
@@ -68,87 +99,56 @@ def task_results(
     """How each task (default: all of the scenario) went in an arm; rounds are numbered from 1."""
     mine = [row for row in rows if row.arm == arm and row.phase == "fl" and row.agent != 0]
     return [
-        _result(task, [row for row in mine if row.task == task], scenario.federation.target_reward)
+        _result(scenario, task, [row for row in mine if row.task == task], alone=method_of(arm) == "isolated")
         for task in (tasks if tasks is not None else scenario.clusters)
     ]
 
 
-def summarise(
-    scenario: Scenario,
-    rows: Sequence[RoundRow],
-    meter_rows: Sequence[MeterRow],
-    tasks: Iterable[int] | None = None,
-    *,
-    status: Literal["complete", "interrupted", "failed"] = "complete",
-) -> dict[str, Any]:
-    """`summary.json` of a run, as plain data.
+def _gradients(rows: Iterable[RoundRow]) -> Counts:
+    rows = list(rows)
+    center = [row for row in rows if row.agent == 0]
+    return Counts(
+        gradients_support=sum(row.gradients - (row.gradients_query or 0) for row in center),
+        gradients_query=sum(row.gradients_query or 0 for row in center),
+        gradients_robots=sum(row.gradients for row in rows if row.agent != 0),
+    )
 
-    Joules follow the scenario's own constants. Without any meter row the joules that need bytes are null.
+
+def _uplink_share(center: list[RoundRow], snapshot: int | None) -> tuple[int, int]:
+    """Which part of the stage's uplink carried the rounds up to `snapshot`: (part, whole), by bytes or by rounds.
+
+    Exact by bytes where nothing was sent twice: repetitions are spread over all rounds.
     """
-    wanted = list(scenario.clusters if tasks is None else tasks)
-    return {
-        "seed": scenario.seed,
-        "t0": maml_rounds(rows),
-        "status": status,
-        "metered_by": metered_by(meter_rows),
-        "arms": {arm: _arm_summary(scenario, rows, meter_rows, arm, wanted) for arm in scenario.arm_names},
-        "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
-    }
+    last = max((row.round for row in center), default=0)
+    if snapshot is None or last <= snapshot:
+        return 1, 1
+    whole = sum(row.experience_bytes or 0 for row in center)
+    if whole == 0 or any(row.experience_bytes is None for row in center):
+        return snapshot, last
+    return sum(row.experience_bytes or 0 for row in center if row.round <= snapshot), whole
 
 
-def literal_parts(priced: Bill, metered: bool) -> dict[str, float | None]:
-    """A literal bill under the names of `summary.json`; unmetered communication is not known, not free."""
-    return {
-        "ml_learning": priced.ml_learning_j,
-        "ml_communication": priced.ml_communication_j if metered else None,
-        "fl_learning": priced.fl_learning_j,
-        "fl_communication": priced.fl_communication_j if metered else None,
-        "total": priced.total_j if metered else None,
-    }
-
-
-def published_parts(priced: PublishedBill | None) -> dict[str, float | None] | None:
-    """A published bill under the same names: it has no parts, but nothing is made up of nothing."""
-    if priced is None:
-        return None
-    ml = 0.0 if priced.ml_j == 0 else None
-    fl = 0.0 if priced.fl_j == 0 else None
-    return {
-        "ml_learning": ml,
-        "ml_communication": ml,
-        "fl_learning": fl,
-        "fl_communication": fl,
-        "total": priced.total_j,
-    }
-
-
-def _arm_summary(
-    scenario: Scenario, rows: Sequence[RoundRow], meter_rows: Sequence[MeterRow], arm: str, tasks: list[int]
-) -> dict[str, Any]:
-    results = task_results(scenario, rows, arm, tasks)
-    t0 = maml_rounds(row for row in rows if row.arm == arm)
-    literal = bill(counts(rows, meter_rows, arm), scenario.energy)
-    published = published_bill(t0, sum(result.rounds for result in results), scenario.energy)
-    return {
-        "tasks": [asdict(result) for result in results],
-        "energy_j": {
-            "literal": literal_parts(literal, metered=bool(meter_rows)),
-            "published": published_parts(published),
-        },
-        "bytes": {link.value: traffic(meter_rows, arm, link)._asdict() for link in Link},
-    }
-
-
-def _result(task: int, rows: list[RoundRow], target_reward: float) -> TaskResult:
-    rounds = max((row.round for row in rows), default=0)
-    last = [row for row in rows if row.round == rounds]
+def _result(scenario: Scenario, task: int, rows: list[RoundRow], *, alone: bool) -> TaskResult:
+    newest: dict[int, RoundRow] = {}
+    for row in sorted(rows, key=lambda row: row.round):
+        newest[row.agent] = row
+    rounds = max((row.round for row in newest.values()), default=0)
+    # A cluster stops as one: a robot that is behind was cut off, its last row says nothing about the end.
+    last = [row for row in newest.values() if alone or row.round == rounds]
     rewards = [row.cluster_reward for row in last if row.cluster_reward is not None]
     errors_m = [row.rmse_m for row in last if row.rmse_m is not None]
-    flags = [row.learned for row in last if row.learned is not None]
+    everybody = len(last) == len(scenario.cluster(task)) or not alone
     return TaskResult(
         task=task,
         rounds=rounds,
         reward=fmean(rewards) if rewards else None,
         rmse_m=fmean(errors_m) if errors_m else None,
-        learned=all(flags) if flags else bool(rewards) and min(rewards) >= target_reward,
+        learned=bool(last) and everybody and all(_learned(row, scenario.federation.target_reward) for row in last),
+        robot_rounds=sum(row.round for row in newest.values()),
     )
+
+
+def _learned(row: RoundRow, target_reward: float) -> bool:
+    if row.learned is not None:
+        return row.learned
+    return row.cluster_reward is not None and row.cluster_reward >= target_reward

@@ -16,7 +16,7 @@ from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
 from common.snapshot import BrokerSnapshot
-from fleet.pricing import summarise
+from fleet.summary import summarise
 
 log = logging.getLogger("jouleswarm.recorder")
 
@@ -131,7 +131,7 @@ class Recorder:
             check_model(message.payload)
             self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
         elif kind == "snapshot":
-            self._take_snapshot(topic.split("/")[4], message)
+            self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":
             self._take_presence(message)
         else:
@@ -139,11 +139,12 @@ class Recorder:
             self._reports[report.client] = report.rows
             self._gone.pop(report.client, None)
 
-    def _take_snapshot(self, round_: str, message: Message) -> None:
+    def _take_snapshot(self, message: Message, round_: str) -> None:
         if not round_.isdecimal():
             raise PayloadError(f"meta-model of round {round_!r}, expected a number")
         check_model(message.payload)
-        self._directory.weights(f"meta-t{int(round_):04d}", message.payload)
+        method = topics.arm_of(message.topic)
+        self._directory.weights(f"{method}-meta-t{int(round_):04d}", message.payload)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from common.energy import TABLE_I, Bill, PublishedBill, RoundSizes, bill, downlink_bit_per_j, published_bill, transfer_j
+from common.bill import Bill, PublishedBill
+from common.energy import TABLE_I, RoundSizes, bill, downlink_bit_per_j, transfer_j
+from common.methods import method_of
 from common.settings import Energy
 from common.topics import Link
 from fleet.expected import expected_counts, scenario_sizes
-from fleet.paper import printed_total
-from fleet.pricing import counts
+from fleet.paper import printed_total, published_of
+from fleet.pricing import arm_counts
 from fleet.report_data import Run
 from fleet.traffic import DATA_CENTER, RECORDER, Measure, deliveries
 
@@ -19,39 +21,50 @@ Parts = dict[str, float | None]  # joules by PARTS; None = not defined or not kn
 
 
 class Column(NamedTuple):
-    """One column of the energy table."""
+    """One column of the energy table; `about` tells what it holds for this arm where that is not the run's own."""
 
     label: str
     joules: Parts
+    about: str = ""
 
 
 def columns(run: Run, arm: str, energy: Energy) -> list[Column]:
-    """The energy columns of DESIGN section 6 for one arm, from what is printed to whole packets."""
-    t0 = run.t0 if arm == "maml" else 0
-    printed = printed_total(arm, t0, energy.ul_bit_per_j, energy.sl_bit_per_j)
-    headed = f"paper (t0 = {printed.t0})" if printed and arm == "maml" else "paper"
-    implied = published_bill(t0, sum(run.rounds(arm).values()), energy)
+    """The energy columns of one arm, from what is printed to whole packets."""
+    method, t0 = method_of(arm), run.t0[arm]
+    printed = printed_total(method, t0, energy.ul_bit_per_j, energy.sl_bit_per_j)
+    about = f"t0 = {printed.t0}" if printed and printed.t0 else ""
+    implied = published_of(method, t0, sum(run.rounds(arm).values()), energy)
     return [
-        Column(headed, _stages(printed and printed.ml_j, None, printed and printed.total_j)),
+        Column("paper", _stages(printed and printed.ml_j, None, printed and printed.total_j), about),
         Column("published prices", _of_published(implied)),
-        Column("Table I sizes", closed_parts(run, arm, energy, TABLE_I)),
-        Column("scenario sizes", closed_parts(run, arm, energy)),
+        Column("Table I sizes", _of_bill(closed_bill(run, arm, energy, TABLE_I))),
+        Column("scenario sizes", _of_bill(closed_bill(run, arm, energy))),
         Column("measured payload", measured_parts(run, arm, energy, "payload")),
         Column("measured packets", measured_parts(run, arm, energy, "packet")),
     ]
 
 
-def closed_parts(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Parts:
+def closed_bill(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Bill:
     """An arm's bill from its round numbers alone."""
-    t0 = run.t0 if arm == "maml" else 0
-    found = expected_counts(run.scenario, t0, run.rounds(arm), sizes or scenario_sizes(run.scenario))
-    return _of_bill(bill(found, energy), metered=True)
+    method = method_of(arm)
+    rounds = run.mean_rounds(arm) if method == "isolated" else run.rounds(arm)
+    found = expected_counts(run.scenario, method, run.t0[arm], rounds, sizes or scenario_sizes(run.scenario))
+    return bill(found, energy)
+
+
+def measured_bill(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Bill:
+    """An arm's bill from the gradients it computed and the bytes that were metered, if any were."""
+    return bill(arm_counts(run.rows, run.meter_rows, arm, measure=measure), energy)
+
+
+def closed_parts(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Parts:
+    """`closed_bill` by stage and cause."""
+    return _of_bill(closed_bill(run, arm, energy, sizes))
 
 
 def measured_parts(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Parts:
-    """An arm's bill from the gradients it computed and the bytes that were metered."""
-    found = counts(run.rows, run.meter_rows, arm, measure=measure)
-    return _of_bill(bill(found, energy), metered=bool(run.meter_rows))
+    """`measured_bill` by stage and cause; what needs bytes is None where none were metered."""
+    return _of_bill(measured_bill(run, arm, energy, measure), metered=bool(run.meter_rows))
 
 
 def control_j(run: Run, arm: str, energy: Energy) -> float:
@@ -63,7 +76,7 @@ def control_j(run: Run, arm: str, energy: Energy) -> float:
     return total_j
 
 
-def _of_bill(priced: Bill, metered: bool) -> Parts:
+def _of_bill(priced: Bill, metered: bool = True) -> Parts:
     def known(joules: float) -> float | None:
         return joules if metered else None
 

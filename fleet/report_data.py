@@ -15,9 +15,8 @@ from common.meter import MeterRow
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY, RoundRow
 from common.scenario import Scenario, scenario_from
 from common.topics import Link
-from fleet.pricing import TaskResult, maml_rounds, task_results
-
-SCHEMA = 1
+from fleet.pricing import TaskResult, meta_rounds, task_results
+from fleet.summary import SCHEMA
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -55,18 +54,24 @@ class Run:
         return "interrupted" if self.summary is None else str(self.summary["status"])
 
     @cached_property
-    def t0(self) -> int:
-        """MAML rounds done."""
-        return maml_rounds(self.rows)
-
-    @cached_property
     def results(self) -> dict[str, list[TaskResult]]:
         """Task results by arm."""
         return {arm: task_results(self.scenario, self.rows, arm) for arm in self.scenario.arm_names}
 
+    @cached_property
+    def t0(self) -> dict[str, int]:
+        """Rounds of meta-learning done behind each arm's model; 0 without."""
+        return {arm: meta_rounds(self.rows, arm) for arm in self.scenario.arm_names}
+
     def rounds(self, arm: str) -> dict[int, float]:
         """t_i by task."""
         return {result.task: result.rounds for result in self.results[arm]}
+
+    def mean_rounds(self, arm: str) -> dict[int, float]:
+        """The mean over each task's robots of the rounds they took: t_i unless they stop by themselves."""
+        return {
+            result.task: result.robot_rounds / len(self.scenario.cluster(result.task)) for result in self.results[arm]
+        }
 
 
 def load_run(path: str | Path) -> Run:
@@ -101,11 +106,20 @@ def _manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
     manifest = _json(file)
     if manifest.get("schema") != SCHEMA:
-        raise RunError(f"{file}: schema {manifest.get('schema')!r}, this version reads {SCHEMA}")
+        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}")
     for key in ("run", "scenario"):
         if key not in manifest:
             raise RunError(f"{file}: damaged, it has no {key!r}")
     return manifest
+
+
+def _other_schema(schema: object) -> str:
+    if isinstance(schema, int) and schema < SCHEMA:
+        return (
+            f"run directory of schema {schema}, from before runs had an arm for each method; this version reads "
+            f"{SCHEMA}: report it with the version it names under versions, or run its scenario again"
+        )
+    return f"run directory of schema {schema!r}, this version reads {SCHEMA}"
 
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:

@@ -10,7 +10,17 @@ from pathlib import Path
 from common.settings import Energy
 from fleet.figures import CAPTIONS, inline_svgs
 from fleet.report_data import Run
-from fleet.report_text import TextTable, bytes_table, energy_table, headline, notes, rounds_table, verdicts
+from fleet.report_format import TextTable
+from fleet.report_notes import headline, notes, verdicts
+from fleet.report_text import (
+    bytes_table,
+    causes_table,
+    energy_table,
+    rewards_table,
+    rounds_table,
+    sites_table,
+    totals_table,
+)
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d1d24; --soft: #62626e; --paper: #fcfcfd; --card: #fff; --line: #dcdce4;
@@ -52,10 +62,14 @@ def page(run: Run, energy: Energy) -> str:
     body = [
         f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
         _paragraphs(verdicts(run, energy), "verdict"),
-        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
+        _table(totals_table(run, energy)),
+        _table(causes_table(run, energy)),
+        _table(sites_table(run, energy)),
         _table(rounds_table(run)),
+        _table(rewards_table(run)),
         _table(bytes_table(run, energy)),
         *figures,
+        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
         "<h2>Notes</h2>",
         _paragraphs(notes(run, energy), "soft"),
         "<h2>Manifest</h2><details><summary>Scenario, versions and host</summary>",

@@ -22,6 +22,7 @@ from common.runlog import RunDirectory
 from common.scenario import Scenario
 from fleet.launcher import Launcher
 from fleet.recorder import CLIENT, Recorder
+from fleet.summary import SCHEMA
 from fleet.view import View
 
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
@@ -78,7 +79,7 @@ def record_deployment(
 def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
     """What `manifest.json` holds."""
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "run": run,
         "scenario": scenario.model_dump(mode="json"),
         "seed": scenario.seed,

@@ -41,7 +41,7 @@ def metered_by(meter_rows: Iterable[MeterRow]) -> Side | None:
 def deliveries(meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int | None = None) -> list[MeterRow]:
     """What arrived over one link class at those whom it is for; an onlooker's copies are nobody's energy.
 
-    `task` keeps the weights of one task's cluster.
+    `task` keeps what one task's cluster learned by: its experience, weights and models.
     """
     side = metered_by(meter_rows)
     if side is None:
@@ -84,7 +84,4 @@ def _is_for(link: Link, client: str) -> bool:
 
 
 def _is_of(row: MeterRow, task: int | None) -> bool:
-    if task is None:
-        return True
-    own = topics.weights(topics.run_of(row.topic), row.arm, task, 0).removesuffix("0/weights")
-    return row.topic.startswith(own)
+    return task is None or topics.task_of(row.topic) == str(task)

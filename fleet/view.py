@@ -10,13 +10,14 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.energy import BITS_PER_BYTE
+from common.energy import downlink_bit_per_j, transfer_j
+from common.methods import Arm
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from fleet.arms import METHOD_LABELS, label
 from fleet.recorder import Recorder
 
 _LINE_EVERY_S = 10.0
-ARM_NAMES = {"maml": "with MAML", "fl": "without MAML"}
 
 
 class View:
@@ -46,13 +47,14 @@ class View:
 
     def line(self) -> str:
         """One line for logs."""
-        meta = self._meta_round()
-        parts = [f"{self._recorder.elapsed_s:5.0f} s", f"MAML {meta}/{self._scenario.meta.t0}"]
+        parts = [f"{self._recorder.elapsed_s:5.0f} s"]
+        for method in self._scenario.meta_methods:
+            parts.append(f"{METHOD_LABELS[method]} {self._meta_round(method)}/{self._scenario.meta.t0}")
         for arm in self._scenario.arm_names:
             rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
             told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
             if told:
-                parts.append(f"{arm} " + " ".join(told))
+                parts.append(f"{arm} done" if self._is_over(arm) else f"{arm} " + " ".join(told))
         moved = self._recorder.received_bytes
         parts.append(" ".join(f"{link} {count / 1e6:.1f} MB" for link, count in moved.items() if count))
         return " | ".join(parts)
@@ -64,43 +66,75 @@ class View:
 
     def _stages(self) -> Table:
         table = Table("phase", "task", "round", "R", "", box=None, pad_edge=False)
-        if self._scenario.meta_methods:
-            done, t0 = self._meta_round(), self._scenario.meta.t0
-            table.add_row("MAML", "all", f"{done}/{t0}", "", ProgressBar(total=t0, completed=done, width=30))
-        target = self._scenario.federation.target_reward
-        for arm in self._scenario.arm_names:
-            for task in self._scenario.clusters:
-                row = self._cluster(arm, task)
-                if row is None:
-                    continue
-                reward = row.cluster_reward
-                state: RenderableType = ProgressBar(total=target, completed=max(0.0, reward or 0.0), width=30)
-                if row.learned is not None:
-                    state = Text("learned", "green") if row.learned else Text("not learned", "red")
-                shown = "" if reward is None else f"{reward:.1f}"
-                table.add_row(f"FL {ARM_NAMES[arm]}", str(task), str(row.round), shown, state)
+        t0 = self._scenario.meta.t0
+        for method in self._scenario.meta_methods:
+            done = self._meta_round(method)
+            bar = ProgressBar(total=t0, completed=done, width=30)
+            table.add_row(f"data center: {METHOD_LABELS[method]}", "all", f"{done}/{t0}", "", bar)
+        for arm in self._scenario.arms:
+            if self._is_over(arm.name):
+                self._add_result(table, arm)
+            else:
+                self._add_clusters(table, arm)
         return table
+
+    def _add_clusters(self, table: Table, arm: Arm) -> None:
+        target = self._scenario.federation.target_reward
+        for task in self._scenario.clusters:
+            row = self._cluster(arm.name, task)
+            if row is None:
+                continue
+            reward = row.cluster_reward
+            state: RenderableType = ProgressBar(total=target, completed=max(0.0, reward or 0.0), width=30)
+            if row.learned is not None:
+                state = Text("learned", "green") if row.learned else Text("not learned", "red")
+            shown = "" if reward is None else f"{reward:.1f}"
+            table.add_row(label(arm), str(task), str(row.round), shown, state)
+
+    def _add_result(self, table: Table, arm: Arm) -> None:
+        """One row for all tasks of an arm that is over, so that many arms fit a screen."""
+        ends = [self._rows(arm.name, task) for task in self._scenario.clusters]
+        rounds = sum(max(row.round for row in rows) for rows in ends)
+        learned = sum(all(row.learned for row in rows) for rows in ends)
+        text = Text(f"{learned} of {len(ends)} learned", "green" if learned == len(ends) else "red")
+        table.add_row(label(arm), "all", f"sum {rounds}", "", text)
 
     def _links(self) -> Table:
         energy = self._scenario.energy
-        bit_per_j = {
-            "uplink": energy.ul_bit_per_j,
-            "downlink": energy.dl_bit_per_j or energy.ul_bit_per_j,
-            "sidelink": energy.sl_bit_per_j,
-        }
+        bit_per_j = {"uplink": energy.ul_bit_per_j, "downlink": downlink_bit_per_j(energy)}
+        if energy.sidelink == "direct":  # via the base station they also depend on what is sent
+            bit_per_j["sidelink"] = energy.sl_bit_per_j
         table = Table("received over", "MB", "J so far", box=None, pad_edge=False)
         for link, count in self._recorder.received_bytes.items():
-            joules = f"{count * BITS_PER_BYTE / bit_per_j[link]:,.0f}" if link in bit_per_j else "not priced"
+            unpriced = "not priced" if link == "control" else "at the end"
+            joules = f"{transfer_j(count, bit_per_j[link]):,.0f}" if link in bit_per_j else unpriced
             table.add_row(link, f"{count / 1e6:,.1f}", joules)
         return table
 
-    def _meta_round(self) -> int:
-        return max((row.round for (_, _, agent), row in self._recorder.newest.items() if agent == 0), default=0)
+    def _meta_round(self, method: str) -> int:
+        newest = self._recorder.newest.items()
+        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, "maml"))
+        return max(rounds, default=0)
+
+    def _rows(self, arm: str, task: int) -> list[RoundRow]:
+        """The newest row of each robot of a cluster that has begun to learn."""
+        rows = (self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task))
+        return [row for row in rows if row is not None and row.phase == "fl"]
+
+    def _is_over(self, arm: str) -> bool:
+        return all(
+            len(rows) == len(cluster) and all(row.learned is not None for row in rows)
+            for task, cluster in self._scenario.clusters.items()
+            for rows in [self._rows(arm, task)]
+        )
 
     def _cluster(self, arm: str, task: int) -> RoundRow | None:
-        rows = [self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task)]
-        begun = [row for row in rows if row is not None and row.phase == "fl"]
-        return min(begun, key=lambda row: row.round, default=None)
+        """Where a cluster stands: at its slowest robot; one that is done does not hide one that is not."""
+        return min(
+            self._rows(arm, task),
+            key=lambda row: (row.learned is not None, bool(row.learned), row.round),
+            default=None,
+        )
 
 
 def _short(row: RoundRow) -> str:

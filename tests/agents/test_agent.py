@@ -114,7 +114,7 @@ def test_learned_weights_are_safetensors_of_the_last_round(outcome: Outcome) -> 
         tensors = safetensors.numpy.load(payload)
         assert {name: tensor.shape for name, tensor in tensors.items()} == shapes
         assert all(np.isfinite(tensor).all() for tensor in tensors.values())
-    assert set(outcome.snapshots) == {T0}
+    assert set(outcome.snapshots) == {("maml", T0)}
 
 
 def sidelink(outcome: Outcome, arm: str) -> tuple[int, int]:
@@ -132,7 +132,6 @@ def sidelink(outcome: Outcome, arm: str) -> tuple[int, int]:
         (["federation.robots_per_cluster=4", "federation.topology=ring"], 8),
         (["federation.robots_per_cluster=4", "federation.topology=random", "federation.degree=3"], 12),
         (["federation.step=1.0"], 2),
-        (["meta.order=exact"], 2),
     ],
 )
 def test_every_shape_of_cluster_completes_and_moves_rounds_x_links_x_payload(overrides: list[str], links: int) -> None:
@@ -166,10 +165,10 @@ def test_a_task_that_is_learned_ends_early_and_says_so() -> None:
 
 @pytest.mark.parametrize("arms", ["['maml']", "['fl']", "['fl', 'maml']"])
 def test_any_choice_of_arms_completes_and_an_arm_does_not_depend_on_the_other(outcome: Outcome, arms: str) -> None:
-    scenario = small(f"arms={arms}")
+    scenario = small(f"methods={arms}")
     alone = run_in_memory(scenario)
     assert {key: outcome.learned[key] for key in alone.learned} == alone.learned
-    assert {arm for arm, _ in alone.learned} == set(scenario.arms)
+    assert {arm for arm, _ in alone.learned} == set(scenario.arm_names)
 
 
 @pytest.mark.parametrize(
@@ -264,12 +263,12 @@ def test_a_data_center_that_died_goes_on_from_its_checkpoint_to_the_same_end(out
     recorder.subscribe(topics.snapshot("r", "+", "+"))
     robots = [in_thread(run_agent, scenario, agent, "r", hub.connect(f"agent-{agent}")) for agent in scenario.agents]
     assert ended(in_thread(run_datacenter, scenario, "r", dying(hub.connect("datacenter")), tmp_path))
-    assert (tmp_path / "state.safetensors").exists()
+    assert (tmp_path / "maml" / "state.safetensors").exists()
     assert recorder.receive(0.001) is None
 
     assert ended(in_thread(run_datacenter, scenario, "r", hub.connect("datacenter"), tmp_path))
     assert all(ended(robot) for robot in robots)
     message = recorder.receive(0)
     assert message is not None
-    assert message.payload == outcome.snapshots[T0]
+    assert message.payload == outcome.snapshots["maml", T0]
     assert not tmp_path.exists()

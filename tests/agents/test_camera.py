@@ -108,5 +108,5 @@ def test_landmarks_can_be_told_apart(size: tuple[int, int]) -> None:
 def test_only_obstacles_of_all_tasks_are_in_the_world() -> None:
     maps = ("E#\n*.\nX#", "E#\n*#\nX.")
     tasks = [{"id": i, "map": text} for i, text in enumerate(maps, 1)]
-    data = {"name": "x", "arms": ["fl"], "world": {"rows": 3, "cols": 2}, "tasks": tasks}
+    data = {"name": "x", "methods": ["fl"], "world": {"rows": 3, "cols": 2}, "tasks": tasks}
     assert shared_obstacles(scenario_from(data, "test")) == {(0, 1)}

@@ -11,6 +11,7 @@ from agents.exchange import Exchange
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
+from common.methods import Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
@@ -50,14 +51,14 @@ class Running:
 class Table:
     """Robot 1 of a cluster of three, and the hands of the others."""
 
-    def __init__(self, resend_after_s: float = PATIENT_S, arm: str = ARM) -> None:
+    def __init__(self, resend_after_s: float = PATIENT_S) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2, 3), neighbours=(2, 3), diameter=1)
         self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, resend_after_s)
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
-        self.exchange.join(arm=arm)
-        self.exchange.open_arm(arm)
+        self.exchange.join([Arm(ARM, ARM, 3)])
+        self.exchange.open_arm(Arm(ARM, ARM, 3), here)
 
     def listen(self, *filters: str) -> MemoryBus:
         self.ears.subscribe(*filters)
@@ -117,8 +118,8 @@ def header(round_: int) -> ModelHeader:
 def test_a_robot_without_neighbours_gathers_nothing_at_once() -> None:
     here = Neighbourhood(agent=1, task=1, cluster=(1,), neighbours=(), diameter=1)
     exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S)
-    exchange.join(arm=ARM)
-    exchange.open_arm(ARM)
+    exchange.join([Arm(ARM, ARM, 3)])
+    exchange.open_arm(Arm(ARM, ARM, 3), here)
     exchange.await_stage(1)
     assert exchange.gather(1) == {}
 
@@ -170,7 +171,7 @@ def test_weights_of_another_arm_change_nothing() -> None:
     table.send(2, 1, 1.0)
     table.send(3, 1, 1.0)
     table.values(1)
-    table.exchange.open_arm("fl")
+    table.exchange.open_arm(Arm("fl", "fl", 0), table.exchange.here)
     table.send(2, 1, 99.0, arm="maml")
     table.send(3, 1, 30.0, arm="fl")
     table.send(2, 1, 20.0, arm="fl")
@@ -308,11 +309,11 @@ def want(table: Table, first: int, last: int) -> None:
 def test_wanted_rounds_are_due_once_and_in_order_until_the_stage_is_over() -> None:
     table = Table()
     want(table, 1, 2)
-    assert table.exchange.await_rounds_due(set(), t0=3) == [1, 2]
+    assert table.exchange.await_rounds_due(ARM, set(), t0=3) == [1, 2]
     want(table, 2, 3)
-    assert table.exchange.await_rounds_due({1, 2}, t0=3) == [3]
+    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=3) == [3]
     want(table, 4, 4)
-    assert table.exchange.await_rounds_due({1, 2, 3}, t0=3) == []
+    assert table.exchange.await_rounds_due(ARM, {1, 2, 3}, t0=3) == []
 
 
 def test_a_round_asked_for_again_is_due_again() -> None:
@@ -320,9 +321,9 @@ def test_a_round_asked_for_again_is_due_again() -> None:
     want(table, 1, 2)
     table.others.publish(topics.collect_again(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
     ears = table.listen(topics.meta_resend(RUN, ARM))
-    assert table.exchange.await_rounds_due({1, 2}, t0=2) == [1]
+    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=2) == [1]
     want(table, 3, 3)
-    assert table.exchange.await_rounds_due({1, 2}, t0=2) == []  # once is enough
+    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=2) == []  # once is enough
     assert ears.receive(0.001) is None
 
 
@@ -336,7 +337,7 @@ def test_the_meta_model_is_taken_from_the_downlink_without_asking() -> None:
     want(table, 1, 2)
     table.others.publish(topics.meta_model(RUN, ARM), meta())
     want(table, 4, 4)
-    assert table.exchange.await_meta_model(ARM, t0=3)["w"].tolist() == [5.0, 5.0]
+    assert table.exchange.await_meta_model(Arm(ARM, ARM, 3))["w"].tolist() == [5.0, 5.0]
     assert ears.receive(0.001) is None
 
 
@@ -344,7 +345,7 @@ def test_a_meta_model_that_went_by_is_asked_for() -> None:
     table = Table()
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)  # the stage is over, and the meta-model was sent before this robot came
-    waiting = Running(lambda: table.exchange.await_meta_model(ARM, t0=3))
+    waiting = Running(lambda: table.exchange.await_meta_model(Arm(ARM, ARM, 3)))
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
@@ -354,7 +355,7 @@ def test_a_meta_model_that_was_lost_is_asked_for_until_it_comes() -> None:
     table = Table(IMPATIENT_S)
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)
-    waiting = Running(lambda: table.exchange.await_meta_model(ARM, t0=3))
+    waiting = Running(lambda: table.exchange.await_meta_model(Arm(ARM, ARM, 3)))
     for _ in range(3):
         assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, ARM, ME), meta())

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from agents.explorer import Explorer
-from agents.learner import Learner
+from common.learner import Learner
 from common.payloads import MotionHeader, decode_motion
 from common.scenario import Scenario, scenario_from
 
@@ -42,7 +42,7 @@ def always(action: int, settings: Scenario) -> Learner:
 
 def begun(settings: Scenario, agent: int = 1) -> Explorer:
     explorer = Explorer(settings, agent)
-    explorer.begin("maml")
+    explorer.begin("maml", settings.cluster(1))
     return explorer
 
 
@@ -109,7 +109,7 @@ def test_the_same_arm_brings_the_same_to_the_bit_whatever_came_before() -> None:
 
     def collected(explorer: Explorer, arm: str) -> bytes:
         robot = always(FORWARD, settings)
-        explorer.begin(arm)
+        explorer.begin(arm, settings.cluster(1))
         explorer.collect(robot, 20)
         explorer.evaluate(robot)
         return b"".join(each.tobytes() for each in robot.replay.sample(100, np.random.default_rng(0)))

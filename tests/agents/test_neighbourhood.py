@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.neighbourhood import Neighbourhood, RewardLedger, neighbourhood_of
+from agents.neighbourhood import Neighbourhood, neighbourhood_of
+from common.methods import Method
+from common.rewards import RewardLedger
 from common.scenario import Scenario, scenario_from
 
 MAP = ". E . \n . * . \n . * . \n . X ."
@@ -13,7 +15,7 @@ MAP = ". E . \n . * . \n . * . \n . X ."
 
 def scenario(robots: int, **federation: object) -> Scenario:
     data = {
-        "name": "t", "arms": ["fl"], "world": {"rows": 4, "cols": 3},
+        "name": "t", "methods": ["fl"], "world": {"rows": 4, "cols": 3},
         "federation": {"robots_per_cluster": robots, **federation},
         "tasks": [{"id": 1, "map": MAP}, {"id": 2, "map": MAP}],
     }  # fmt: skip
@@ -23,14 +25,22 @@ def scenario(robots: int, **federation: object) -> Scenario:
 def test_in_a_ring_of_four_each_robot_has_two_neighbours_and_two_hops_to_the_last() -> None:
     here = neighbourhood_of(scenario(4, topology="ring"), 6)
     assert here == Neighbourhood(agent=6, task=2, cluster=(5, 6, 7, 8), neighbours=(5, 7), diameter=2)
-    assert not here.is_lead
-    assert neighbourhood_of(scenario(4, topology="ring"), 5).is_lead
 
 
-def test_a_robot_alone_has_no_neighbours_and_leads() -> None:
+def test_a_robot_alone_has_no_neighbours() -> None:
     here = neighbourhood_of(scenario(1), 2)
     assert here == Neighbourhood(agent=2, task=2, cluster=(2,), neighbours=(), diameter=1)
-    assert here.is_lead
+
+
+def test_an_isolated_robot_is_a_cluster_of_its_own() -> None:
+    here = neighbourhood_of(scenario(4), 6, "isolated")
+    assert here == Neighbourhood(agent=6, task=2, cluster=(6,), neighbours=(), diameter=1)
+
+
+@pytest.mark.parametrize("method", ["fedavg", "centralized"])
+def test_a_served_robot_has_a_cluster_but_no_sidelinks(method: Method) -> None:
+    here = neighbourhood_of(scenario(4, topology="ring"), 6, method)
+    assert here == Neighbourhood(agent=6, task=2, cluster=(5, 6, 7, 8), neighbours=(), diameter=1)
 
 
 def test_neighbours_agree_that_they_are_neighbours() -> None:
@@ -41,14 +51,14 @@ def test_neighbours_agree_that_they_are_neighbours() -> None:
 
 
 def test_running_reward_is_the_mean_over_the_window_and_over_fewer_rounds_at_the_start() -> None:
-    ledger = RewardLedger(Neighbourhood(1, 1, (1,), (), 1), window=3)
+    ledger = RewardLedger((1,), 1, window=3)
     for round_, reward in enumerate((10.0, 20.0, 60.0, 100.0), start=1):
         ledger.record(1, round_, reward)
     assert [ledger.running_reward(1, round_) for round_ in (1, 2, 3, 4)] == [10.0, 15.0, 30.0, 60.0]
 
 
 def test_the_clusters_reward_is_the_mean_over_its_robots() -> None:
-    ledger = RewardLedger(Neighbourhood(1, 1, (1, 2), (2,), 1), window=2)
+    ledger = RewardLedger((1, 2), 1, window=2)
     ledger.record(1, 1, 10.0)
     ledger.merge({2: (1, 40.0)})
     assert ledger.cluster_reward(1) == 25.0
@@ -58,7 +68,7 @@ def test_the_clusters_reward_is_the_mean_over_its_robots() -> None:
 
 
 def test_robots_of_other_clusters_are_left_out() -> None:
-    ledger = RewardLedger(Neighbourhood(1, 1, (1, 2), (2,), 1), window=1)
+    ledger = RewardLedger((1, 2), 1, window=1)
     ledger.record(1, 1, 10.0)
     ledger.merge({2: (1, 20.0), 9: (1, 1e9)})
     assert ledger.newest() == {1: (1, 10.0), 2: (1, 20.0)}
@@ -66,14 +76,14 @@ def test_robots_of_other_clusters_are_left_out() -> None:
 
 
 def test_the_newest_round_is_passed_on_whatever_order_it_was_heard_in() -> None:
-    ledger = RewardLedger(Neighbourhood(1, 1, (1, 2), (2,), 1), window=1)
+    ledger = RewardLedger((1, 2), 1, window=1)
     ledger.merge({2: (3, 33.0)})
     ledger.merge({2: (2, 22.0)})
     assert ledger.newest() == {2: (3, 33.0)}
 
 
 def test_at_two_hops_the_cluster_decides_on_the_round_before() -> None:
-    ledger = RewardLedger(Neighbourhood(1, 1, (1,), (), 2), window=1)
+    ledger = RewardLedger((1,), 2, window=1)
     ledger.record(1, 1, 10.0)
     assert ledger.cluster_reward(1) is None
     ledger.record(1, 2, 70.0)
@@ -109,7 +119,7 @@ def test_all_robots_of_a_cluster_decide_the_same_in_the_same_round(
     graph = nx.Graph([(agent, other) for agent in cluster for other in heres[agent].neighbours])
     diameter = nx.diameter(graph) if robots > 1 else 1
     assert {here.diameter for here in heres.values()} == {diameter}
-    ledgers = {agent: RewardLedger(heres[agent], window) for agent in cluster}
+    ledgers = {agent: RewardLedger(cluster, diameter, window) for agent in cluster}
     true = {agent: data.draw(st.lists(rewards, min_size=8, max_size=8)) for agent in cluster}
 
     for round_ in range(1, 9):

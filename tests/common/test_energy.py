@@ -20,7 +20,7 @@ def test_one_gradient_costs_power_times_batch_time() -> None:
 
 def test_one_maml_round_of_three_robots() -> None:
     counts = e.closed_form(1, 3, [])
-    assert (counts.gradients_support, counts.gradients_query) == (30, 30)  # 3 robots x 10 batches
+    assert (counts.ml.gradients_support, counts.ml.gradients_query) == (30, 30)  # 3 robots x 10 batches
     # 1.67 x 60 gradients x 11.8 J = 1182.36 J; 3 x 24.6 MB x 8 bit / 200 kb/J = 3 x 984 J = 2952 J
     bill = e.bill(counts, PAPER)
     assert bill.ml_learning_j == pytest.approx(1182.36)
@@ -40,22 +40,23 @@ def test_one_fl_round_of_a_pair() -> None:
 def test_the_meta_model_goes_down_once_to_every_robot() -> None:
     pairs = [e.ClusterRounds(0)] * 6
     # 12 robots x 5.6 MB x 8 bit / 200 kb/J = 12 x 224 J
-    assert e.ml_communication_j(0, e.closed_form(1, 3, pairs).downlink_bytes, PAPER) == pytest.approx(2688.0)
-    assert e.closed_form(0, 3, pairs) == e.Counts()
+    assert e.bill(e.closed_form(1, 3, pairs), PAPER).ml.downlink_j == pytest.approx(2688.0)
+    assert e.closed_form(0, 3, pairs) == e.StageCounts()
 
 
 def test_downlink_is_priced_as_uplink_unless_given() -> None:
-    assert e.ml_communication_j(0, 1000, PAPER) == pytest.approx(0.04)  # 8000 bit / 200 kb/J
-    assert e.ml_communication_j(0, 1000, Energy(dl_bit_per_j=800e3)) == pytest.approx(0.01)
+    down = e.Counts(downlink_bytes=1000)
+    assert e.price(down, PAPER).downlink_j == pytest.approx(0.04)  # 8000 bit / 200 kb/J
+    assert e.price(down, Energy(dl_bit_per_j=800e3)).downlink_j == pytest.approx(0.01)
 
 
 def test_beta_weighs_the_query_gradients_only() -> None:
     # 1.67 x (10 + 2.5 x 10) x 11.8 J = 1.67 x 35 x 11.8
-    assert e.ml_learning_j(10, 10, Energy(beta=2.5)) == pytest.approx(689.71)
+    assert e.price(e.Counts(10, 10), Energy(beta=2.5)).center_computing_j == pytest.approx(689.71)
 
 
 def test_pue_is_not_applied_to_robots() -> None:
-    assert e.fl_learning_j(40, Energy(pue=3.0)) == pytest.approx(81.6)
+    assert e.price(e.Counts(gradients_robots=40), Energy(pue=3.0)).robot_computing_j == pytest.approx(81.6)
 
 
 def test_via_base_station_a_pair_pays_uplink_plus_pue_times_downlink() -> None:
@@ -68,14 +69,14 @@ def test_via_base_station_a_pair_pays_uplink_plus_pue_times_downlink() -> None:
 def test_via_base_station_a_message_goes_up_once_and_down_to_each_neighbour() -> None:
     station = Energy(sidelink="via_base_station")
     counts = e.closed_form(0, 0, [e.ClusterRounds(10, robots=4, links=12)])
-    assert counts.sidelink_sent_bytes == 10 * 4 * 5.6e6
-    assert counts.sidelink_bytes == 10 * 12 * 5.6e6
+    assert counts.fl.sidelink_sent_bytes == 10 * 4 * 5.6e6
+    assert counts.fl.sidelink_bytes == 10 * 12 * 5.6e6
     # 40 x 224 J up, 120 x 1.67 x 224 J down
     assert e.bill(counts, station).fl_communication_j == pytest.approx(8960 + 44889.6)
 
 
 def test_a_lone_robot_sends_nothing() -> None:
-    counts = e.closed_form(0, 0, [e.ClusterRounds(10, robots=1, links=0)])
+    counts = e.closed_form(0, 0, [e.ClusterRounds(10, robots=1, links=0)]).fl
     assert (counts.sidelink_bytes, counts.sidelink_sent_bytes, counts.gradients_robots) == (0, 0, 200)
 
 
@@ -125,7 +126,40 @@ def test_directed_links_of_a_cluster(robots: int, federation: Federation, links:
     assert e.directed_links(robots, federation) == links
 
 
+def test_each_cause_is_paid_at_one_site() -> None:
+    counts = e.Counts(
+        gradients_support=10, gradients_robots=20, uplink_bytes=1e6, downlink_bytes=2e6, sidelink_bytes=5e6,
+        sidelink_sent_bytes=5e6,
+    )  # fmt: skip
+    cost = e.price(counts, PAPER)
+    assert cost.center_computing_j == pytest.approx(197.06)  # 1.67 x 10 x 11.8 J
+    assert cost.robot_computing_j == pytest.approx(40.8)  # 20 x 2.04 J
+    assert (cost.uplink_j, cost.downlink_j) == (40.0, 80.0)  # 8 and 16 Mbit / 200 kb/J
+    assert cost.sidelink_j == 80.0  # 40 Mbit / 500 kb/J
+    assert cost.robots_j == pytest.approx(40.8 + 40 + 80)
+    assert cost.datacenter_j == pytest.approx(197.06 + 80)
+    assert (cost.learning_j, cost.communication_j) == (pytest.approx(237.86), 200.0)
+
+
+def test_via_base_station_the_way_up_is_the_robots_and_the_way_down_the_data_centers() -> None:
+    counts = e.Counts(sidelink_sent_bytes=1e6, sidelink_bytes=3e6)
+    cost = e.price(counts, Energy(sidelink="via_base_station"))
+    assert cost.robots_j == pytest.approx(40.0)  # 8 Mbit / 200 kb/J
+    assert cost.datacenter_j == pytest.approx(200.4)  # 1.67 x 24 Mbit / 200 kb/J
+    assert cost.sidelink_j == pytest.approx(240.4)
+
+
+def test_a_bill_keeps_its_stages_apart() -> None:
+    counts = e.StageCounts(ml=e.Counts(uplink_bytes=1e6), fl=e.Counts(uplink_bytes=3e6, gradients_robots=10))
+    bill = e.bill(counts, PAPER)
+    assert (bill.ml_j, bill.ml_communication_j, bill.ml_learning_j) == (40.0, 40.0, 0.0)
+    assert (bill.fl_learning_j, bill.fl_communication_j) == (pytest.approx(20.4), 120.0)
+    assert bill.both.uplink_j == 160.0
+    assert bill.total_j == pytest.approx(180.4)
+
+
 counts_ = st.builds(e.Counts, *[st.integers(0, 10**12)] * 7)
+stages_ = st.builds(e.StageCounts, counts_, counts_)
 energies = st.builds(
     Energy,
     pue=st.floats(1, 3),
@@ -137,15 +171,28 @@ energies = st.builds(
 )
 
 
-@given(counts_, counts_, energies)
-def test_the_bill_of_a_sum_is_the_sum_of_the_bills(a: e.Counts, b: e.Counts, energy: Energy) -> None:
-    assert astuple(e.bill(a + b, energy)) == pytest.approx(astuple(e.bill(a, energy) + e.bill(b, energy)))
+def joules(bill: e.Bill) -> tuple[float, ...]:
+    return (*astuple(bill.ml), *astuple(bill.fl))
+
+
+@given(stages_, stages_, energies)
+def test_the_bill_of_a_sum_is_the_sum_of_the_bills(a: e.StageCounts, b: e.StageCounts, energy: Energy) -> None:
+    assert joules(e.bill(a + b, energy)) == pytest.approx(joules(e.bill(a, energy) + e.bill(b, energy)))
 
 
 @given(counts_, st.integers(0, 1000), energies)
-def test_the_bill_is_linear_and_never_negative(counts: e.Counts, factor: int, energy: Energy) -> None:
-    once = e.bill(counts, energy)
-    scaled = e.bill(e.Counts(*(factor * value for value in astuple(counts))), energy)
+def test_a_price_is_linear_in_the_counts_and_never_negative(counts: e.Counts, factor: int, energy: Energy) -> None:
+    once = e.price(counts, energy)
+    scaled = e.price(e.Counts(*(factor * value for value in astuple(counts))), energy)
     assert astuple(scaled) == pytest.approx(tuple(factor * part for part in astuple(once)))
     assert all(part >= 0 for part in astuple(once))
-    assert once.total_j == pytest.approx(sum(astuple(once)))
+
+
+@given(stages_, energies)
+def test_causes_sites_and_stages_each_add_up_to_the_total(counts: e.StageCounts, energy: Energy) -> None:
+    bill = e.bill(counts, energy)
+    for cost in (bill.ml, bill.fl, bill.both):
+        assert cost.total_j == pytest.approx(sum(astuple(cost)))
+        assert cost.total_j == pytest.approx(cost.robots_j + cost.datacenter_j)
+    assert bill.total_j == pytest.approx(bill.both.total_j)
+    assert bill.total_j == pytest.approx(bill.robots_j + bill.datacenter_j)

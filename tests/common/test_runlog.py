@@ -45,13 +45,13 @@ def test_rows_are_on_disk_as_they_come(tmp_path: Path) -> None:
 def test_the_finished_file_is_in_order_whatever_came_first(tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path)
     ordered = [
+        row(arm="fl", task=1, agent=1, round=1),
         row(phase="maml", task=1, agent=0, round=1),
         row(phase="maml", task=1, agent=0, round=2),
         row(phase="maml", task=1, agent=1, round=1),
         row(task=1, agent=1, round=2),
         row(task=1, agent=1, round=10),
         row(task=2, agent=3, round=1),
-        row(arm="fl", task=1, agent=1, round=1),
     ]
     for each in reversed(ordered):
         directory.round(each)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from common.errors import ConfigurationError
+from common.methods import Arm
 from common.scenario import Scenario, load_scenario, scenario_from
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -76,11 +77,14 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"tasks": [{"id": 1, "map": MAP}, {"id": 1, "map": MAP}]}, r"tasks have ids \[1, 1\]"),
         ({"tasks": [{"id": 1, "map": MAP, "rewards": [1, 2]}]}, "task 1: 2 rewards, expected 4"),
         ({"tasks": [{"id": 1}]}, "tasks.0.map: Field required"),
-        ({"arms": []}, "arms: name each arm once"),
-        ({"arms": ["maml", "maml"]}, "arms: name each arm once"),
+        ({"methods": []}, "methods: name each method once"),
+        ({"methods": ["maml", "maml"]}, "methods: name each method once"),
+        ({"methods": ["sarsa"]}, "methods.0: Input should be 'fl', 'isolated'"),
         ({"meta": {"t0": 0, "training_tasks": [1]}}, "meta.t0 is 0, expected 1 or more"),
         ({"meta": {"training_tasks": [1, 2]}}, r"meta.training_tasks \(1, 2\) are not all among the tasks \[1, 4\]"),
         ({"meta": {"t0": 3, "snapshots": [2, 4], "training_tasks": [1]}}, "snapshots .* reach past meta.t0 = 3"),
+        ({"meta": {"t0": 3, "adapt_from": [4], "training_tasks": [1]}}, "adapt_from .* reach past meta.t0 = 3"),
+        ({"energy": {"robots_g_per_kwh": -1}}, "energy.robots_g_per_kwh: .*greater than or equal to 0, got -1"),
         ({"meta": {"training_tasks": [1], "robots_per_task": 3}}, "robots_per_task is 3, task 1 has 2"),
         ({"federation": {"topology": "random", "degree": 1}}, "task 4: no 1-regular graph of 3 robots exists"),
         ({"learning": {"epsilon": 1.5}}, "learning.epsilon: .*less than or equal to 1, got 1.5"),
@@ -91,8 +95,24 @@ def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], message: str
     assert re.search(message, refused(two_tasks(**changes)))
 
 
-def test_without_the_maml_arm_the_meta_section_does_not_matter() -> None:
-    assert scenario_from(two_tasks(methods=["fl"], meta={"t0": 0, "training_tasks": [9]}), "x").arms == ("fl",)
+def test_without_meta_learning_the_meta_section_does_not_matter() -> None:
+    scenario = scenario_from(two_tasks(methods=["fl"], meta={"t0": 0, "training_tasks": [9]}), "x")
+    assert scenario.arms == (Arm("fl", "fl", 0),)
+
+
+def test_each_meta_learning_method_has_an_arm_for_every_model_that_is_adapted() -> None:
+    meta = {"t0": 3, "training_tasks": [1], "adapt_from": [2, 1, 3]}
+    scenario = scenario_from(two_tasks(methods=["reptile", "fedavg", "maml"], meta=meta), "x")
+    assert scenario.arm_names == ("reptile-t1", "reptile-t2", "reptile", "fedavg", "maml-t1", "maml-t2", "maml")
+    assert [arm.t0 for arm in scenario.arms] == [1, 2, 3, 0, 1, 2, 3]
+    assert scenario.meta_methods == ("reptile", "maml")
+
+
+@pytest.mark.parametrize(
+    ("methods", "needed"), [(["fl", "isolated"], False), (["fl", "fedavg"], True), (["anil"], True)]
+)
+def test_the_data_center_is_needed_by_methods_that_use_it(methods: list[str], needed: bool) -> None:
+    assert scenario_from(two_tasks(methods=methods), "x").needs_datacenter is needed
 
 
 def write(folder: Path, text: str) -> Path:

@@ -10,7 +10,7 @@ import pytest
 
 from common.payloads import MotionHeader
 from common.scenario import Scenario, scenario_from
-from datacenter.collector import Motion
+from datacenter.motions import Motion
 
 Experience = dict[int, list[list[Motion]]]
 
@@ -24,7 +24,6 @@ def _scenario(**sections: Any) -> Scenario:
         "learning": {"motions_per_round": 4},
         "meta": {
             "t0": 4, "training_tasks": [1, 2], "batch_size": 4, "support_batches": 2, "query_batches": 3,
-            "order": "exact",
         },
         "tasks": [{"id": task, "map": ". E . \n . * . \n . * . \n . X ."} for task in (1, 2, 3)],
     }  # fmt: skip

@@ -116,7 +116,7 @@ def write_run(tmp_path: Path, facts: Facts) -> Callable[..., Path]:
         directory = RunDirectory(tmp_path / "run")
         directory.manifest(
             {
-                "schema": 1,
+                "schema": 2,
                 "run": RUN,
                 "scenario": resolved.model_dump(mode="json"),
                 "seed": resolved.seed,

@@ -3,10 +3,12 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fleet import cli
+from fleet.summary import summarise
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -118,7 +120,9 @@ def test_a_report_of_what_is_not_a_run_is_refused(jouleswarm: Call, tmp_path: Pa
     assert "manifest.json" in line
 
 
-@pytest.mark.parametrize("price", [["--ul", "0"], ["--sl", "-3"], ["--pue", "0.5"], ["--beta", "nan"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "price", [["--ul", "0"], ["--sl", "-3"], ["--pue", "0.5"], ["--beta", "nan"], ["--beta", "much"]], ids=" ".join
+)
 def test_a_price_that_is_none_is_refused(price: list[str], jouleswarm: Call, write_run: Callable[..., Path]) -> None:
     code, _, err = jouleswarm("report", str(write_run()), *price)
     assert code == 2
@@ -131,8 +135,16 @@ def test_a_run_is_priced_again(jouleswarm: Call, write_run: Callable[..., Path])
     before = {each: each.read_bytes() for each in path.rglob("*") if each.is_file()}
     code, out, _ = jouleswarm("report", str(path), "--ul", "500", "--sl", "200")
     assert code == 0
-    assert "Energy with MAML" in out
+    assert "Energy: MAML, t0 = 3" in out
     assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
+
+
+def test_a_run_is_told_in_grams_of_carbon(jouleswarm: Call, write_run: Callable[..., Path], facts: Any) -> None:
+    path = write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
+    code, out, _ = jouleswarm("report", str(path), "--carbon-datacenter", "350", "--beta", "1.5")
+    assert code == 0
+    assert "gCO2e/kWh: data center 350, robots unknown" in " ".join(out.split())
+    assert "beta 1.5" in " ".join(out.split())
 
 
 def test_the_audit_prints_the_papers_figures(jouleswarm: Call) -> None:

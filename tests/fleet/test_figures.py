@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fleet.figures import inline_svgs, write_figures
-from fleet.pricing import summarise
+from fleet.report_bars import energy_figure, rounds_figure
+from fleet.report_curves import bytes_figure, rewards_figure
 from fleet.report_data import Run, load_run
-from fleet.report_drawings import bytes_figure, energy_figure, rewards_figure, rounds_figure
+from fleet.summary import summarise
 
 
 @pytest.fixture

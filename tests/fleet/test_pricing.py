@@ -4,14 +4,11 @@ import json
 
 import pytest
 
-from common.energy import TABLE_I, Counts
+from common.energy import Counts, StageCounts
 from common.meter import Meter
-from common.qnetwork import build_qnetwork
-from common.scenario import Scenario
-from common.settings import Network
 from common.topics import Link, weights
-from fleet.expected import expected_counts, scenario_sizes
-from fleet.pricing import TaskResult, counts, maml_rounds, summarise, task_results
+from fleet.pricing import TaskResult, arm_counts, meta_rounds, task_counts, task_results
+from fleet.summary import summarise
 from fleet.traffic import Traffic, metered_by, traffic
 
 LITERAL_MAML = {
@@ -31,32 +28,27 @@ LITERAL_NO_MAML = {
 
 
 def test_counts_of_an_arm(facts) -> None:
-    assert counts(facts.rows, facts.meter_rows, "maml") == Counts(
-        gradients_support=60,
-        gradients_query=60,
-        gradients_robots=400,
-        uplink_bytes=120_000,
-        downlink_bytes=20_000,
-        sidelink_bytes=100_000,
-        sidelink_sent_bytes=100_000,
+    assert arm_counts(facts.rows, facts.meter_rows, "maml") == StageCounts(
+        ml=Counts(gradients_support=60, gradients_query=60, uplink_bytes=120_000, downlink_bytes=20_000),
+        fl=Counts(gradients_robots=400, sidelink_bytes=100_000, sidelink_sent_bytes=100_000),
     )
 
 
 def test_counts_of_one_task_leave_out_what_serves_all(facts) -> None:
-    assert counts(facts.rows, facts.meter_rows, "maml", task=2) == Counts(
+    assert task_counts(facts.rows, facts.meter_rows, "maml", task=2) == Counts(
         gradients_robots=240, sidelink_bytes=60_000, sidelink_sent_bytes=60_000
     )
 
 
 def test_counts_in_whole_packets(facts) -> None:
-    packets = counts(facts.rows, facts.meter_rows, "maml", measure="packet")
-    assert (packets.uplink_bytes, packets.downlink_bytes) == (132_000, 20_200)
-    assert packets.sidelink_bytes == 20 * 5040
+    packets = arm_counts(facts.rows, facts.meter_rows, "maml", measure="packet")
+    assert (packets.ml.uplink_bytes, packets.ml.downlink_bytes) == (132_000, 20_200)
+    assert packets.fl.sidelink_bytes == 20 * 5040
 
 
 def test_tasks_add_up_to_their_arm(facts) -> None:
-    per_task = [counts(facts.rows, facts.meter_rows, "fl", task=task) for task in (1, 2)]
-    assert per_task[0] + per_task[1] == counts(facts.rows, facts.meter_rows, "fl")
+    per_task = [task_counts(facts.rows, facts.meter_rows, "fl", task=task) for task in (1, 2)]
+    assert per_task[0] + per_task[1] == task_counts(facts.rows, facts.meter_rows, "fl")
 
 
 def test_an_onlookers_copies_are_not_counted(facts) -> None:
@@ -73,7 +65,7 @@ def test_overhead_is_protocol_bytes_per_payload_byte() -> None:
 def test_without_broker_rows_the_clients_feed_the_same_bill(facts) -> None:
     external = [row for row in facts.meter_rows if row.side == "client"]
     assert metered_by(external) == "client"
-    assert counts(facts.rows, external, "maml") == counts(facts.rows, facts.meter_rows, "maml")
+    assert arm_counts(facts.rows, external, "maml") == arm_counts(facts.rows, facts.meter_rows, "maml")
 
 
 def test_a_message_to_many_neighbours_is_sent_once(facts) -> None:
@@ -81,23 +73,23 @@ def test_a_message_to_many_neighbours_is_sent_once(facts) -> None:
     meter.count("agent-1", topic, "in", 10, 20)
     for neighbour in (2, 3, 4):
         meter.count(f"agent-{neighbour}", topic, "out", 10, 20)
-    found = counts([], meter.rows(), "maml")
+    found = task_counts([], meter.rows(), "maml")
     assert (found.sidelink_sent_bytes, found.sidelink_bytes) == (10, 30)
 
 
 def test_rounds_and_rewards_of_each_task(facts) -> None:
-    assert maml_rounds(facts.rows) == 3
+    assert (meta_rounds(facts.rows, "maml"), meta_rounds(facts.rows, "fl")) == (3, 0)
     assert task_results(facts.scenario, facts.rows, "maml") == [
-        TaskResult(task=1, rounds=4, reward=55.0, rmse_m=1.25, learned=True),
-        TaskResult(task=2, rounds=6, reward=55.0, rmse_m=1.25, learned=True),
+        TaskResult(task=1, rounds=4, reward=55.0, rmse_m=1.25, learned=True, robot_rounds=8),
+        TaskResult(task=2, rounds=6, reward=55.0, rmse_m=1.25, learned=True, robot_rounds=12),
     ]
     assert task_results(facts.scenario, facts.rows, "fl", [2]) == [
-        TaskResult(task=2, rounds=20, reward=-20.0, rmse_m=1.25, learned=False)
+        TaskResult(task=2, rounds=20, reward=-20.0, rmse_m=1.25, learned=False, robot_rounds=40)
     ]
 
 
 def test_a_task_without_rows_was_not_learned(facts) -> None:
-    assert task_results(facts.scenario, [], "maml", [1]) == [TaskResult(1, 0, None, None, False)]
+    assert task_results(facts.scenario, [], "maml", [1]) == [TaskResult(1, 0, None, None, False, 0)]
 
 
 def test_a_run_cut_before_its_last_row_is_judged_by_its_reward(facts) -> None:
@@ -114,7 +106,9 @@ def test_summary(facts) -> None:
     maml, fl = summary["arms"]["maml"], summary["arms"]["fl"]
     assert maml["energy_j"]["literal"] == pytest.approx(LITERAL_MAML)
     assert fl["energy_j"]["literal"] == pytest.approx(LITERAL_NO_MAML)
-    assert maml["tasks"][0] == {"task": 1, "rounds": 4, "reward": 55.0, "rmse_m": 1.25, "learned": True}
+    assert maml["tasks"][0] == {
+        "task": 1, "rounds": 4, "reward": 55.0, "rmse_m": 1.25, "learned": True, "robot_rounds": 8,
+    }  # fmt: skip
     assert maml["bytes"]["uplink"] == {"messages": 120, "payload": 120_000, "packet": 132_000}
     assert maml["bytes"]["downlink"] == {"messages": 4, "payload": 20_000, "packet": 20_200}
     assert fl["bytes"]["uplink"] == {"messages": 0, "payload": 0, "packet": 0}
@@ -146,34 +140,3 @@ def test_unmetered_communication_is_unknown_and_not_free(facts) -> None:
     assert (summary["status"], summary["metered_by"]) == ("interrupted", None)
     assert literal["ml_learning"] == pytest.approx(2364.72)
     assert (literal["ml_communication"], literal["fl_communication"], literal["total"]) == (None, None, None)
-
-
-def test_sizes_of_the_default_scenario_are_the_papers(facts) -> None:
-    sizes = scenario_sizes(facts.scenario)
-    assert sizes.experience_bytes == 24_576_000  # 20 x 640 x 480 x 4
-    assert sizes.weights_bytes == 5_565_072  # 1,391,268 float32
-    assert (sizes.support_batches, sizes.query_batches, sizes.robot_batches) == (10, 10, 20)
-
-
-@pytest.mark.parametrize(
-    "network",
-    [Network(), Network(width=48, height=36, conv=((8, 5, 2),), dense=(64, 16)), Network(conv=(), dense=(3,))],
-)
-def test_weights_are_sized_as_the_network_that_is_built(facts, network: Network) -> None:
-    built = sum(parameter.numel() for parameter in build_qnetwork(network).parameters())
-    scenario: Scenario = facts.scenario.model_copy(update={"network": network})
-    assert scenario_sizes(scenario).weights_bytes == 4 * built
-
-
-def test_closed_form_of_the_run(facts) -> None:
-    expected = expected_counts(facts.scenario, 3, {1: 4, 2: 6}, TABLE_I)
-    assert (expected.gradients_support, expected.gradients_robots) == (60, 400)
-    assert expected.uplink_bytes == pytest.approx(3 * 2 * 24.6e6)
-    assert expected.downlink_bytes == pytest.approx(4 * 5.6e6)
-    assert expected.sidelink_bytes == pytest.approx(10 * 2 * 5.6e6)
-
-
-def test_closed_form_without_meta_learning(facts) -> None:
-    expected = expected_counts(facts.scenario, 0, {1: 10, 2: 20}, TABLE_I)
-    assert (expected.gradients_support, expected.uplink_bytes, expected.downlink_bytes) == (0, 0, 0)
-    assert expected.gradients_robots == 1200

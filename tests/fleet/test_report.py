@@ -12,10 +12,12 @@ from common.energy import TABLE_I
 from common.errors import ConfigurationError, RunError
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
 from common.settings import Energy
-from fleet.pricing import summarise
-from fleet.report import load_run, print_report, report, reprice
+from fleet.prices import Prices, reprice
+from fleet.report import load_run, print_report, report
 from fleet.report_columns import closed_parts, columns, control_j, measured_parts
-from fleet.report_text import bytes_text, joules_text, notes, verdicts
+from fleet.report_format import bytes_text, joules_text
+from fleet.report_notes import notes, verdicts
+from fleet.summary import summarise
 
 
 @pytest.fixture
@@ -35,16 +37,16 @@ def contents(path: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in path.iterdir() if file.is_file()}
 
 
-def printed(path: Path, **options: float) -> str:
+def printed(path: Path, prices: Prices | None = None, **options: bool) -> str:
     console = Console(file=io.StringIO(), width=160)
-    report(path, console=console, **options)
+    report(path, prices, console=console, **options)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
 
 def test_a_complete_run_is_read_whole(complete, facts) -> None:
     run = load_run(complete)
-    assert (run.name, run.status, run.t0, run.cut) == ("made-up", "complete", 3, [])
+    assert (run.name, run.status, run.t0, run.cut) == ("made-up", "complete", {"maml": 3, "fl": 0}, [])
     assert (len(run.rows), len(run.meter_rows), len(run.progress)) == (len(facts.rows), len(facts.meter_rows), 3)
     assert run.rounds("fl") == {1: 10, 2: 20}
 
@@ -90,9 +92,11 @@ def test_a_directory_that_is_not_a_run(tmp_path) -> None:
     [
         (MANIFEST, "{", "cannot be read"),
         (MANIFEST, "[]", "expected a JSON object"),
-        (MANIFEST, '{"schema": 2}', "schema 2, this version reads 1"),
-        (MANIFEST, '{"schema": 1, "run": "x"}', "no 'scenario'"),
-        (MANIFEST, '{"schema": 1, "run": "x", "scenario": {}}', "damaged"),
+        (MANIFEST, '{"schema": 3}', "run directory of schema 3, this version reads 2"),
+        (MANIFEST, '{"schema": 1}', "schema 1, from before runs had an arm for each method; this version reads 2"),
+        (MANIFEST, "{}", "run directory of schema None"),
+        (MANIFEST, '{"schema": 2, "run": "x"}', "no 'scenario'"),
+        (MANIFEST, '{"schema": 2, "run": "x", "scenario": {}}', "damaged"),
         (SUMMARY, "{", "cannot be read"),
         (ROUNDS, '{"phase": "fl"}\n{}\n', "line 1: damaged"),
         (METER, '{"side": "bro', "line 1: damaged"),
@@ -114,8 +118,9 @@ def test_a_finished_run_must_have_its_rounds(complete) -> None:
 
 def test_columns_side_by_side(complete) -> None:
     run = load_run(complete)
-    found = {column.label: column.joules for column in columns(run, "maml", run.scenario.energy)}
-    assert found["paper (t0 = 210)"]["total"] == 106e3
+    held = columns(run, "maml", run.scenario.energy)
+    found = {column.label: column.joules for column in held}
+    assert (found["paper"]["total"], held[0].about) == (106e3, "t0 = 210")
     assert found["published prices"]["total"] == pytest.approx(3520.2)  # 3 x 352.4 + 10 x 246.3 J
     # 3 rounds x 2 robots x (20 x 1.67 x 11.8 J + 984 J) + 4 x 224 J + 10 rounds x 260.8 J
     assert found["Table I sizes"]["total"] == pytest.approx(6 * (394.12 + 984) + 896 + 2608)
@@ -141,7 +146,7 @@ def test_control_is_priced_apart(complete) -> None:
 
 def test_pricing_again_scales_communication_only(complete) -> None:
     run = load_run(complete)
-    energy, suffix = reprice(run.scenario.energy, ul=500, sl=200)
+    energy, suffix = reprice(run.scenario.energy, Prices(ul=500, sl=200))
     parts = measured_parts(run, "maml", energy)
     assert suffix == "-ul500-sl200"
     assert parts["ml_communication"] == pytest.approx(2.24)  # 140,000 B x 8 / 500 kb/J
@@ -151,13 +156,15 @@ def test_pricing_again_scales_communication_only(complete) -> None:
 
 
 def test_the_same_prices_are_no_repricing() -> None:
-    assert reprice(Energy(), ul=200, sl=500, pue=1.67) == (Energy(), "")
+    assert reprice(Energy(), Prices(ul=200, sl=500, pue=1.67)) == (Energy(), "")
 
 
 def test_every_price_can_be_changed() -> None:
-    energy, suffix = reprice(Energy(), dl=100, pue=1.2, beta=2, via_base_station=True)
+    prices = Prices(dl=100, pue=1.2, beta=2, carbon_datacenter=350, carbon_robots=0, via_base_station=True)
+    energy, suffix = reprice(Energy(), prices)
     assert (energy.dl_bit_per_j, energy.pue, energy.beta, energy.sidelink) == (100e3, 1.2, 2, "via_base_station")
-    assert suffix == "-dl100-pue1.2-beta2-via-base-station"
+    assert (energy.datacenter_g_per_kwh, energy.robots_g_per_kwh) == (350, 0)
+    assert suffix == "-dl100-pue1.2-beta2-carbon-datacenter350-carbon-robots0-via-base-station"
 
 
 @pytest.mark.parametrize(
@@ -168,16 +175,17 @@ def test_every_price_can_be_changed() -> None:
         ("dl", float("nan"), "--dl nan: expected"),
         ("pue", 0.9, "--pue 0.9: expected a number of 1 or more"),
         ("beta", float("inf"), "--beta inf: expected"),
+        ("carbon_robots", -1.0, "--carbon-robots -1: expected a number of 0 or more, in gCO2e a kWh"),
     ],
 )
 def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(says)):
-        reprice(Energy(), **{option: value})
+        reprice(Energy(), Prices(**{option: value}))
 
 
 def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     before = contents(complete)
-    text = printed(complete, ul_kb_per_j=500, sl_kb_per_j=200, figures=True, html=True)
+    text = printed(complete, Prices(ul=500, sl=200), figures=True, html=True)
     assert "E_UL 500" in text
     after = contents(complete)
     assert after.pop("report-ul500-sl200.html")
@@ -190,10 +198,11 @@ def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
 
 def test_verdict_says_whether_meta_learning_pays(complete) -> None:
     run = load_run(complete)
-    lines = verdicts(run, run.scenario.energy)
-    assert "meta-learning pays: 2.14x (paper)" in lines  # 227 / 106 kJ
-    assert "meta-learning pays: 2.10x (published prices)" in lines  # 7389 / 3520.2 J
-    assert "meta-learning does not pay: 0.77x (measured payload)" in lines  # 2452.8 / 3187.92 J
+    (line,) = verdicts(run, run.scenario.energy)
+    assert line.startswith("MAML, t0 = 3 against FL, no transfer: ")
+    assert "pays 2.14x (paper), " in line  # 227 / 106 kJ
+    assert "2.10x (published prices); does not pay " in line  # 7389 / 3520.2 J
+    assert "0.77x (measured payload)" in line  # 2452.8 / 3187.92 J
 
 
 def test_no_verdict_on_one_arm(write_run, facts) -> None:
@@ -205,7 +214,7 @@ def test_no_verdict_on_one_arm(write_run, facts) -> None:
 def test_notes_tell_what_is_missing(complete, facts) -> None:
     run = load_run(complete)
     text = " ".join(notes(run, run.scenario.energy))
-    assert "Not learned: task 2 without MAML" in text
+    assert "Not learned: task 2 by FL, no transfer." in text
     assert "Published prices: 352.4 J" in text
     text = " ".join(notes(run, Energy(sl_bit_per_j=200e3, dl_bit_per_j=1e5)))
     assert "(200, 500) kb/J only" in text

@@ -48,7 +48,7 @@ def recorder(scenario: Scenario, tmp_path: Path) -> Recorder:
         say(f"agent-{agent}", 500_000, phase="fl", task=1, agent=agent, round=7, cluster_reward=51.26, learned=True)
     say("agent-3", 250_000, phase="fl", task=2, agent=3, round=2, cluster_reward=-4.0)
     say("agent-4", 250_000, phase="fl", task=2, agent=4, round=3, cluster_reward=-4.0)
-    recorder.pump(0.01)
+    recorder.pump(0.05)
     return recorder
 
 
@@ -67,9 +67,9 @@ def test_phase_round_and_reward_of_each_cluster_are_shown(scenario: Scenario, re
     text = shown(View(Console(file=io.StringIO()), scenario, recorder))
     assert "made-up, seed 4" in text
     assert "3/5" in line_with(text, "MAML", "all")
-    assert line_with(text, "with MAML", "learned")[-4:] == ["1", "7", "51.3", "learned"]
-    assert line_with(text, "with MAML", "-4.0")[3:6] == ["2", "2", "-4.0"]  # the slower of its two robots
-    assert "without MAML" not in text  # nothing of that arm yet
+    assert line_with(text, "MAML, t0 = 5", "learned")[-4:] == ["1", "7", "51.3", "learned"]
+    assert line_with(text, "MAML, t0 = 5", "-4.0")[4:7] == ["2", "2", "-4.0"]  # the slower of its two robots
+    assert "FL, no transfer" not in text  # nothing of that arm yet
 
 
 def test_bytes_and_joules_of_each_link_are_shown(scenario: Scenario, recorder: Recorder) -> None:
@@ -112,3 +112,67 @@ def test_an_empty_recorder_is_shown_too(scenario: Scenario, tmp_path: Path) -> N
     view = View(Console(file=io.StringIO()), scenario, recorder)
     assert "0/5" in shown(view)
     assert "MAML 0/5" in view.line()
+
+
+def test_the_data_centers_stage_is_shown_of_every_meta_learning_method(scenario: Scenario, tmp_path: Path) -> None:
+    scenario = scenario_from(scenario.model_dump() | {"methods": ["fl", "reptile", "centralized", "maml"]}, "test")
+    hub = MemoryHub()
+    recorder = Recorder(hub.connect("recorder"), scenario, RUN, RunDirectory(tmp_path / "methods"))
+    center = hub.connect("datacenter")
+    for arm, phase, round_ in (("reptile", "maml", 4), ("centralized", "fl", 9)):
+        row = RoundRow.model_validate(
+            {"phase": phase, "arm": arm, "task": 1, "agent": 0, "round": round_, "seconds": 0.1}
+        )
+        told = encode_json(Telemetry(row=row, received={}))
+        center.publish(topics.telemetry(RUN, arm, "datacenter"), told)
+    recorder.pump(0.05)
+    view = View(Console(file=io.StringIO()), scenario, recorder)
+    assert "4/5" in line_with(shown(view), "data center: Reptile", "all")
+    assert "0/5" in line_with(shown(view), "data center: MAML", "all")
+    assert "Reptile 4/5 | MAML 0/5" in view.line()
+    assert "9/5" not in shown(view)  # no stage before the tasks: it serves their rounds
+
+
+@pytest.fixture
+def isolated(scenario: Scenario, tmp_path: Path) -> tuple[Scenario, Recorder, Any]:
+    scenario = scenario_from(scenario.model_dump() | {"methods": ["isolated", "fl"]}, "test")
+    hub = MemoryHub()
+    recorder = Recorder(hub.connect("recorder"), scenario, RUN, RunDirectory(tmp_path / "isolated"))
+    robots = hub.connect("robots")
+
+    def say(agent: int, round_: int, learned: bool | None) -> None:
+        row = RoundRow(
+            phase="fl", arm="isolated", task=(agent + 1) // 2, agent=agent, round=round_, seconds=0.1,
+            cluster_reward=10.0 * round_, learned=learned,
+        )  # fmt: skip
+        told = encode_json(Telemetry(row=row, received={}))
+        robots.publish(topics.telemetry(RUN, "isolated", f"agent-{agent}"), told)
+        recorder.pump(0.05)
+
+    return scenario, recorder, say
+
+
+def test_a_robot_that_is_done_does_not_hide_one_that_is_not(isolated: tuple[Scenario, Recorder, Any]) -> None:
+    scenario, recorder, say = isolated
+    say(1, 3, True)
+    say(2, 4, None)
+    text = shown(View(Console(file=io.StringIO()), scenario, recorder))
+    assert line_with(text, "isolated robots")[2:5] == ["1", "4", "40.0"]
+    assert "learned" not in text
+
+
+def test_an_arm_that_is_over_is_one_row(isolated: tuple[Scenario, Recorder, Any]) -> None:
+    scenario, recorder, say = isolated
+    for agent, round_, learned in ((1, 3, True), (2, 7, True), (3, 20, False), (4, 5, True)):
+        say(agent, round_, learned)
+    view = View(Console(file=io.StringIO()), scenario, recorder)
+    text = shown(view)
+    assert "isolated done" in view.line()
+    # the last robots stopped in rounds 7 and 20; robot 3 had not learned
+    assert line_with(text, "isolated robots") == ["isolated", "robots", "all", "sum", "27", "1", "of", "2", "learned"]
+
+
+def test_sidelinks_via_the_base_station_are_priced_at_the_end(scenario: Scenario, recorder: Recorder) -> None:
+    energy = scenario.energy.model_copy(update={"sidelink": "via_base_station"})
+    view = View(Console(file=io.StringIO()), scenario.model_copy(update={"energy": energy}), recorder)
+    assert line_with(shown(view), "sidelink") == ["sidelink", "1.5", "at", "the", "end"]

@@ -60,7 +60,7 @@ def test_sidelink_bytes_are_rounds_x_links_x_payload(small_run: Any) -> None:
     topic = len("jouleswarm/small/maml/sl/1/1/weights")
     packet = 1 + 3 + 2 + topic + 2 + payload  # 16 384 <= remaining length < 2 097 152: three bytes
     assert 16_384 < payload < 2_000_000
-    for arm, longer in (("maml", 0), ("fl", len("no_"))):
+    for arm, longer in (("maml", 0), ("fl", len("fl") - len("maml"))):
         messages = 2 * ROUNDS * 2  # clusters x rounds x directed links
         expected = {"messages": messages, "payload": messages * payload, "packet": messages * (packet + longer)}
         assert small_run.summary["arms"][arm]["bytes"]["sidelink"] == expected
@@ -86,7 +86,7 @@ def test_robots_as_threads_over_the_in_memory_bus_come_to_the_same_bits(
     outcome = run_in_memory(scenario_from(run.manifest["scenario"], "manifest"))
     assert [row.model_dump(exclude={"seconds"}) for row in outcome.rows] == run.figures
     kept = {f"{arm}-task{task}.safetensors": payload for (arm, task), payload in outcome.learned.items()}
-    kept |= {f"meta-t{round_:04d}.safetensors": payload for round_, payload in outcome.snapshots.items()}
+    kept |= {f"{arm}-meta-t{t0:04d}.safetensors": payload for (arm, t0), payload in outcome.snapshots.items()}
     assert kept == run.weights
 
 

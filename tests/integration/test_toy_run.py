@@ -119,7 +119,7 @@ def test_payload_messages_are_rounds_times_directed_links(toy_run: Any) -> None:
 
 def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_library(toy_run: Any) -> None:
     files = {path.stem for path in (toy_run.path / "weights").iterdir()}
-    assert files == {f"{arm}-task{task}" for arm in ARMS for task in (1, 2)} | {"meta-t0003"}
+    assert files == {f"{arm}-task{task}" for arm in ARMS for task in (1, 2)} | {"maml-meta-t0003"}
     scenario = scenario_from(toy_run.manifest["scenario"], "manifest")
     shapes = shapes_of(build_qnetwork(scenario.network))
     for name in files:

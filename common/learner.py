@@ -1,4 +1,4 @@
-"""A robot's Q-network, its replay memory and its gradient steps."""
+"""A Q-network in use: a policy that acts, and a learner that improves it on replayed transitions."""
 
 from __future__ import annotations
 
@@ -19,29 +19,44 @@ from common.settings import Network
 Weights = dict[str, npt.NDArray[np.float32]]
 
 
-class Learner:
-    """Deep Q-learning of eq. (7) on one robot: online and target network, optimizer, replay."""
+class Policy:
+    """A Q-network that is asked for values and given weights."""
 
-    def __init__(
-        self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator
-    ) -> None:
-        self._settings = settings
-        self._rng = rng
+    def __init__(self, network: Network, weights: Weights) -> None:
         self.online = build_qnetwork(network)
-        self._target = build_qnetwork(network).requires_grad_(False)
         load_weights(self.online, weights)
-        load_weights(self._target, weights)
-        self._parameters = list(self.online.parameters())
-        self._target_parameters = list(self._target.parameters())
-        self._optimizer = _optimizer(settings, self._parameters)
-        self.replay = Replay(settings.replay_size, network.height, network.width)
-        self.steps = 0
 
     def q_values(self, frame: npt.NDArray[np.uint8]) -> Tensor:
         """Q of one resized frame [height, width, 4] -> float32 [actions]."""
         with torch.inference_mode():
             values: Tensor = self.online(observations(frame[np.newaxis]))[0]
         return values
+
+    def weights(self) -> Weights:
+        """A copy of the network's parameters."""
+        return to_weights(self.online)
+
+    def set_weights(self, weights: Weights) -> None:
+        """Take over parameters; whatever else a learner holds (moments, target) stays its own."""
+        load_weights(self.online, weights)
+
+
+class Learner(Policy):
+    """Deep Q-learning of eq. (7): online and target network, optimizer, replay."""
+
+    def __init__(
+        self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator
+    ) -> None:
+        super().__init__(network, weights)
+        self._settings = settings
+        self._rng = rng
+        self._target = build_qnetwork(network).requires_grad_(False)
+        load_weights(self._target, weights)
+        self._parameters = list(self.online.parameters())
+        self._target_parameters = list(self._target.parameters())
+        self._optimizer = _optimizer(settings, self._parameters)
+        self.replay = Replay(settings.replay_size, network.height, network.width)
+        self.steps = 0
 
     def learn(self, batches: int) -> int:
         """Take `batches` gradient steps on replayed transitions; returns the batch gradients computed.
@@ -57,14 +72,6 @@ class Learner:
         if not math.isfinite(float(torch.stack(losses).sum())):
             raise TrainingError(f"loss is not finite after {self.steps} gradient steps; lower learning.lr")
         return len(losses)
-
-    def weights(self) -> Weights:
-        """A copy of the online network's parameters."""
-        return to_weights(self.online)
-
-    def set_weights(self, weights: Weights) -> None:
-        """Take over mixed parameters; the optimizer's moments and the target stay the robot's own."""
-        load_weights(self.online, weights)
 
     def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
         settings = self._settings

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from agents.learner import Learner
 from common.errors import TrainingError
+from common.learner import Learner
 from common.settings import Learning, Network
 
 LINEAR = Network(width=1, height=1, conv=(), dense=())

@@ -1,0 +1,58 @@
+"""The robot's loop where the data center learns: move -> send up -> take the model -> evaluate -> decide."""
+
+from __future__ import annotations
+
+import time
+
+from agents.exchange import Exchange
+from agents.explorer import Explorer
+from agents.served import ServerLink
+from common.learner import Policy, Weights
+from common.methods import Arm
+from common.payloads import Episode, ModelHeader, encode_model
+from common.rewards import RewardLedger
+from common.runlog import RoundRow
+from common.scenario import Scenario
+
+
+def follow(scenario: Scenario, arm: Arm, weights: Weights, exchange: Exchange, explorer: Explorer) -> None:
+    """Act by the data center's model and report how it does, until the cluster's R reaches the target."""
+    here, settings = exchange.here, scenario.federation
+    link = ServerLink(exchange)
+    link.hear_episodes()
+    policy = Policy(scenario.network, weights)
+    ledger = RewardLedger(here.cluster, 1, settings.reward_window)
+    explorer.begin(arm.name, here.cluster)
+    for round_ in range(1, settings.max_rounds + 1):
+        begun = time.monotonic()
+        for payload in explorer.policy_motions(policy, round_):
+            link.publish_motion(round_, payload)
+        policy.set_weights(link.await_model(round_)[0])
+        reward, rmse_m = explorer.evaluate(policy)
+
+        link.publish_episode(Episode(agent=here.agent, round=round_, reward=reward))
+        for agent, theirs in {here.agent: reward, **link.await_episodes(round_)}.items():
+            ledger.record(agent, round_, theirs)
+        cluster_reward = ledger.cluster_reward(round_)
+        learned = cluster_reward is not None and cluster_reward >= settings.target_reward
+        last = learned or round_ == settings.max_rounds
+        exchange.report(
+            RoundRow(
+                phase="fl",
+                arm=arm.name,
+                task=here.task,
+                agent=here.agent,
+                round=round_,
+                reward=reward,
+                cluster_reward=cluster_reward,
+                rmse_m=rmse_m,
+                learned=learned if last else None,
+                refused=exchange.refused,
+                seconds=round(time.monotonic() - begun, 4),
+            )
+        )
+        if last:
+            break
+    if here.agent == min(here.cluster):
+        header = ModelHeader(task=here.task, agent=here.agent, round=round_, reward=cluster_reward)
+        exchange.hand_in(encode_model(policy.weights(), header))

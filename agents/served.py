@@ -1,0 +1,103 @@
+"""A robot's link to a data center that takes part in every round (fedavg, centralized)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from agents.exchange import Exchange
+from common import topics
+from common.bus import Message
+from common.errors import PayloadError
+from common.payloads import Array, Episode, ModelHeader, RoundRequest, decode_json, encode_json
+
+Model = tuple[dict[str, Array], ModelHeader]
+
+
+class ServerLink:
+    """Receives the cluster's models; in centralized learning also sends experience and hears of others' episodes."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = exchange
+        self._models: dict[int, Model] = {}
+        self._episodes: dict[int, dict[int, float]] = {}
+        self._motions: tuple[int, list[bytes]] = (0, [])
+        here = exchange.here
+        run, arm, task = exchange.run, exchange.arm, here.task
+        self._experience_topic = topics.experience(run, arm, task, here.agent)
+        self._collect_otherwise = exchange.handlers["collect"]
+        exchange.handlers |= {"model": self._take_model, "episode": self._take_episode, "collect": self._take_collect}
+        exchange.subscribe(topics.cluster_model(run, arm, task), qos=exchange.qos)
+
+    def hear_episodes(self) -> None:
+        """Listen to the cluster's episodes and to requests for experience, before the first round."""
+        here, run, arm = self._exchange.here, self._exchange.run, self._exchange.arm
+        others = [each for each in here.cluster if each != here.agent]
+        self._exchange.subscribe(
+            topics.collect_again(run, arm, here.task, here.agent),
+            *(topics.episode(run, arm, here.task, each) for each in others),
+        )
+
+    def publish_motion(self, round_: int, payload: bytes) -> None:
+        """Send one motion up; the round's motions are kept in case the data center asks again."""
+        if self._motions[0] != round_:
+            self._motions = (round_, [])
+        self._motions[1].append(payload)
+        self._exchange.publish(self._experience_topic, payload)
+
+    def await_model(self, round_: int) -> Model:
+        """The cluster's model of `round_` from the data center."""
+        here, run, arm = self._exchange.here, self._exchange.run, self._exchange.arm
+
+        def ask() -> None:
+            request = encode_json(RoundRequest(first=round_, last=round_))
+            self._exchange.publish(topics.model_again(run, arm, here.task), request)
+
+        self._until(lambda: round_ in self._models, f"the data center's model of round {round_}", ask)
+        model = self._models.pop(round_)
+        self._models = {each: kept for each, kept in self._models.items() if each > round_}
+        return model
+
+    def publish_episode(self, episode: Episode) -> None:
+        """Tell the cluster and the data center how the robot's greedy episode went."""
+        self._exchange.publish_round(episode.round, encode_json(episode))
+
+    def await_episodes(self, round_: int) -> dict[int, float]:
+        """The other robots' rewards of `round_`."""
+        here, run, arm = self._exchange.here, self._exchange.run, self._exchange.arm
+        heard = self._episodes.setdefault(round_, {})
+
+        def missing() -> list[int]:
+            return [each for each in here.cluster if each != here.agent and each not in heard]
+
+        def ask() -> None:
+            for each in missing():
+                request = encode_json(RoundRequest(first=round_, last=round_))
+                self._exchange.publish(topics.resend(run, arm, here.task, each), request)
+
+        self._until(lambda: not missing(), f"episodes of round {round_}", ask)
+        return self._episodes.pop(round_)
+
+    def _until(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
+        self._exchange.until(condition, lambda: what, ask)
+
+    def _take_model(self, message: Message) -> None:
+        if topics.arm_of(message.topic) != self._exchange.arm:
+            return
+        weights, header = self._exchange.decode(message.payload)
+        if header.task != self._exchange.here.task:
+            raise PayloadError(f"model of task {header.task}, expected task {self._exchange.here.task}")
+        self._models[header.round] = (weights, header)
+
+    def _take_episode(self, message: Message) -> None:
+        episode = decode_json(message.payload, Episode)
+        if episode.agent != int(message.topic.split("/")[5]):
+            raise PayloadError(f"episode of robot {episode.agent} on {message.topic}")
+        if topics.arm_of(message.topic) == self._exchange.arm:
+            self._episodes.setdefault(episode.round, {})[episode.agent] = episode.reward
+
+    def _take_collect(self, message: Message) -> None:
+        if topics.arm_of(message.topic) != self._exchange.arm:  # another arm's data center asks
+            self._collect_otherwise(message)
+        elif decode_json(message.payload, RoundRequest).first == self._motions[0]:
+            for payload in self._motions[1]:
+                self._exchange.publish(self._experience_topic, payload)

@@ -1,0 +1,65 @@
+"""How the robots of a cluster come to one model, as the federated loop sees it: share, then take what is mixed."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from agents.consensus import Weights, default_step, mix, mixing_weights
+from agents.exchange import Arrived, Exchange
+from agents.served import ServerLink
+from common.methods import Arm
+from common.payloads import ModelHeader
+from common.scenario import Scenario
+
+
+class Sharing(Protocol):
+    """One round: `share` says this robot's word and waits for the others', `mixed` is the model to go on from."""
+
+    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
+        """The payload that was sent, and the headers of what came in return."""
+
+    def mixed(self, weights: Weights) -> Weights:
+        """The round's mixed model, from this robot's own `weights`."""
+
+
+class Consensus:
+    """Decentralized federated averaging over the sidelinks, eq. (6); without neighbours nothing is mixed."""
+
+    def __init__(self, exchange: Exchange, step: float) -> None:
+        self._exchange, self._step = exchange, step
+        self._arrived: Arrived = {}
+
+    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
+        payload = self._exchange.publish_weights(weights, header)
+        self._arrived = self._exchange.gather(header.round)
+        return payload, [theirs for _, theirs in self._arrived.values()]
+
+    def mixed(self, weights: Weights) -> Weights:
+        if not self._arrived:
+            return weights
+        sigma = mixing_weights({each: theirs.samples for each, (_, theirs) in self._arrived.items()})
+        others = {each: theirs for each, (theirs, _) in self._arrived.items()}
+        return mix(weights, others, sigma, self._step)
+
+
+class ParameterServer:
+    """Federated averaging by the data center (McMahan et al. 2017): weights up, the cluster's average down."""
+
+    def __init__(self, link: ServerLink, exchange: Exchange) -> None:
+        self._link, self._exchange = link, exchange
+        self._average: Weights = {}
+
+    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
+        payload = self._exchange.publish_weights(weights, header)
+        self._average, average = self._link.await_model(header.round)
+        return payload, [average]
+
+    def mixed(self, weights: Weights) -> Weights:
+        return self._average
+
+
+def sharing_of(arm: Arm, exchange: Exchange, scenario: Scenario, neighbours: int) -> Sharing:
+    """What the arm's method shares by."""
+    if arm.method == "fedavg":
+        return ParameterServer(ServerLink(exchange), exchange)
+    return Consensus(exchange, scenario.federation.step or default_step(neighbours))

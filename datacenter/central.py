@@ -1,0 +1,57 @@
+"""Deep Q-learning in the data center on the robots' raw observations: the `centralized` method's work in a round."""
+
+from __future__ import annotations
+
+from common.bus import Payload
+from common.errors import PayloadError
+from common.learner import Learner
+from common.payloads import ModelHeader, encode_model
+from common.qnetwork import build_qnetwork, to_weights
+from common.scenario import Scenario
+from common.seeding import integer, stream
+from datacenter.cluster_desk import Turn
+from datacenter.motions import Motion, read_motion, remember
+
+METHOD = "centralized"
+
+
+class CentralLearner:
+    """One learner a task, with all its robots' transitions and as many gradient steps as they would have taken."""
+
+    word = "experience"
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self.per_robot = scenario.learning.motions_per_round
+        self._learners = {task: self._learner(task) for task in scenario.clusters}
+
+    def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
+        """One motion of a robot.
+
+        Raises:
+            PayloadError: not a motion of this robot.
+        """
+        motion = read_motion(payload, self._scenario)
+        header = motion.header
+        if (header.task, header.agent) != (task, agent):
+            raise PayloadError(
+                f"experience of robot {header.agent}, task {header.task}; expected robot {agent}, task {task}"
+            )
+        return header.round, header.motion, motion
+
+    def model(self, turn: Turn[Motion]) -> tuple[bytes, int]:
+        """The task's model after this round's steps as payload, and the batch gradients computed."""
+        learner = self._learners[turn.task]
+        for _, motions in sorted(turn.arrived.items()):
+            remember(learner.replay, motions)
+        gradients = learner.learn(self._scenario.learning.batches_per_round * len(turn.arrived))
+        header = ModelHeader(task=turn.task, agent=0, round=turn.round)
+        return encode_model(learner.weights(), header), gradients
+
+    def _learner(self, task: int) -> Learner:
+        scenario = self._scenario
+        # All robots' transitions in one memory, of the size that theirs have together.
+        size = scenario.learning.replay_size * len(scenario.cluster(task))
+        settings = scenario.learning.model_copy(update={"replay_size": size})
+        weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
+        return Learner(scenario.network, settings, weights, stream(scenario.seed, METHOD, "learn", task))

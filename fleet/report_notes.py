@@ -1,0 +1,117 @@
+"""The sentences of a report: its headline, its verdicts, and what to know before quoting a figure of it."""
+
+from __future__ import annotations
+
+from common.carbon import has_carbon
+from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downlink_bit_per_j
+from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from common.settings import Energy
+from fleet.arms import METHOD_LABELS, label, labels
+from fleet.paper import PAPER_METHODS
+from fleet.report_columns import columns
+from fleet.report_data import Run
+from fleet.traffic import metered_by
+
+BASELINE = "fl"
+"""The arm that transfer is held against."""
+
+
+def headline(run: Run, energy: Energy) -> str:
+    """One line: how the run ended and what it is priced at."""
+    line = (
+        f"{run.status}, seed {run.scenario.seed}; E_UL {energy.ul_bit_per_j / 1e3:g}, "
+        f"E_DL {downlink_bit_per_j(energy) / 1e3:g}, E_SL {energy.sl_bit_per_j / 1e3:g} kb/J, "
+        f"sidelinks {energy.sidelink.replace('_', ' ')}, PUE {energy.pue:g}, beta {energy.beta:g}"
+    )
+    if not has_carbon(energy):
+        return line
+    sites = {"data center": energy.datacenter_g_per_kwh, "robots": energy.robots_g_per_kwh}
+    told = (f"{site} {'unknown' if value is None else f'{value:g}'}" for site, value in sites.items())
+    return f"{line}; gCO2e/kWh: {', '.join(told)}"
+
+
+def verdicts(run: Run, energy: Energy) -> list[str]:
+    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl."""
+    if BASELINE not in run.scenario.arm_names:
+        return []
+    return [line for arm in run.scenario.arms if arm.method in META_METHODS and (line := _verdict(run, arm, energy))]
+
+
+def notes(run: Run, energy: Energy) -> list[str]:
+    """What a reader must know before quoting a figure of this report."""
+    lines = [
+        *_notes_of_the_run(run),
+        *_notes_of_the_arms(run),
+        "Column paper is as printed, all others are for this run's rounds. The last four are equations (8)-(12), with "
+        "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
+        "MQTT's own bytes.",
+    ]
+    if any(arm.method in PAPER_METHODS for arm in run.scenario.arms):
+        lines.append(_note_of_the_published_prices(energy))
+    if energy.dl_bit_per_j is None:
+        lines.append("E_DL is not given by the paper and taken as E_UL.")
+    lines.append(
+        "Sites: robots pay their computing, what they send up and direct sidelinks; the data center pays its "
+        "computing and what is sent down."
+    )
+    if has_carbon(energy):
+        lines.append("gCO2e = J / 3.6e6 x the site's gCO2e/kWh. A site without an intensity is unknown, not zero.")
+    lines.append("Control and telemetry are counted apart and in no bill.")
+    return lines
+
+
+def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
+    found: dict[str, list[str]] = {"pays": [], "does not pay": []}
+    for ours, theirs in zip(columns(run, arm.name, energy), columns(run, BASELINE, energy), strict=True):
+        ours_j, theirs_j = ours.joules["total"], theirs.joules["total"]
+        if ours_j and theirs_j is not None:
+            ratio = theirs_j / ours_j
+            found["pays" if ratio > 1 else "does not pay"].append(f"{ratio:.2f}x ({ours.label})")
+    told = [f"{verdict} {', '.join(ratios)}" for verdict, ratios in found.items() if ratios]
+    return f"{label(arm)} against {METHOD_LABELS[BASELINE]}: {'; '.join(told)}" if told else ""
+
+
+def _note_of_the_published_prices(energy: Energy) -> str:
+    here = (energy.ul_bit_per_j, energy.sl_bit_per_j, energy.sidelink)
+    if here == (PUBLISHED_UL_BIT_PER_J, PUBLISHED_SL_BIT_PER_J, "direct"):
+        return (
+            "Published prices: 352.4 J a MAML round and 246.3 J an FL round of the paper's deployment, whatever PUE, "
+            "beta and sizes are; the paper does not tell learning from communication."
+        )
+    return "Published prices are defined for direct sidelinks at (E_UL, E_SL) = (200, 500) kb/J only."
+
+
+def _notes_of_the_arms(run: Run) -> list[str]:
+    lines = []
+    methods = {arm.method for arm in run.scenario.arms}
+    if any(snapshot_of(arm.name) is not None for arm in run.scenario.arms):
+        lines.append(
+            "Arms of one method share its meta-learning: its uplink was metered once, under the method's own arm, and "
+            "each arm's bill has the part that carried the rounds up to its t0."
+        )
+    if methods & set(SERVED_METHODS):
+        lines.append("FedAvg and centralized learning have no E_ML: what the data center does is in their tasks' E_FL.")
+    if "isolated" in methods:
+        lines.append("Isolated robots stop one by one: t_i is the last one's, R and path error are their means.")
+    return lines
+
+
+def _notes_of_the_run(run: Run) -> list[str]:
+    lines = []
+    source = metered_by(run.meter_rows)
+    if run.status != "complete":
+        lines.append(f"This run is {run.status}: figures cover what was recorded.")
+    if run.cut:
+        lines.append(f"The last line of {' and '.join(run.cut)} is torn and left out.")
+    if source is None:
+        lines.append("No byte counters were written: measured communication is not known, columns of it are empty.")
+    elif source == "client":
+        lines.append("Metered by the clients themselves: an external broker counts no bytes for us.")
+    unlearned = []
+    for arm, name in labels(run.scenario).items():
+        tasks = [str(found.task) for found in run.results[arm] if not found.learned]
+        if tasks:
+            unlearned.append(f"task{'s' if len(tasks) > 1 else ''} {', '.join(tasks)} by {name}")
+    if unlearned:
+        lines.append(f"Not learned: {'; '.join(unlearned)}. Energies are not at equal reward.")
+    return lines
