@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.energy import Counts, bill, published_bill
+from common.energy import Counts, price
 from common.errors import StudyError
 from common.settings import Energy
+from fleet.paper import published_of
 from studies.facts import META_STAGE, Fact
 from studies.prices import PriceList
 
@@ -30,6 +31,7 @@ class Costs(NamedTuple):
 class MeanCounts:
     """Mean counts over seeds: of the meta-learning stage and of one task, with it and without."""
 
+    method: str
     t0: int
     meta: Counts
     task: Counts
@@ -55,6 +57,7 @@ def mean_counts(with_meta: Sequence[Fact], without: Sequence[Fact]) -> MeanCount
     stage = _mean([fact.counts for fact in meta])
     down = Counts(downlink_bytes=stage.downlink_bytes * len(meta) / len(tasks))
     return MeanCounts(
+        method=meta[0].method,
         t0=meta[0].t0,
         meta=stage + Counts(downlink_bytes=-stage.downlink_bytes),
         task=_mean([fact.counts for fact in tasks]) + down,
@@ -67,10 +70,10 @@ def mean_counts(with_meta: Sequence[Fact], without: Sequence[Fact]) -> MeanCount
 def costs(found: MeanCounts, energy: Energy, prices: PriceList = "literal") -> Costs | None:
     """Price mean counts; None where the price list is not defined."""
     if prices == "literal":
-        joules = (bill(counts, energy).total_j for counts in (found.meta, found.task, found.plain))
+        joules = (price(counts, energy).total_j for counts in (found.meta, found.task, found.plain))
         return Costs(*joules)
     published = [
-        published_bill(t0, rounds, energy)
+        published_of(found.method, t0, rounds, energy)
         for t0, rounds in ((found.t0, 0.0), (0.0, found.task_rounds), (0.0, found.plain_rounds))
     ]
     held = [each.total_j for each in published if each is not None]

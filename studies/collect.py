@@ -7,17 +7,12 @@ from dataclasses import asdict
 from itertools import groupby
 from statistics import fmean
 
-from common.energy import Counts, directed_links
-from common.meter import MeterRow
-from common.methods import META_METHODS, Arm
+from common.energy import directed_links
+from common.methods import META_METHODS, SERVED_METHODS, Arm
 from common.runlog import RoundRow
-from common.topics import Link
-from fleet.pricing import TaskResult, counts
+from fleet.pricing import TaskResult, meta_counts, task_counts
 from fleet.report_data import Run
-from fleet.traffic import deliveries, traffic
 from studies.facts import META_STAGE, Fact
-
-_TASK_LEVEL = 4  # jouleswarm/<run>/<arm>/<link>/<task>/...
 
 
 def facts_of(run: Run) -> list[Fact]:
@@ -49,15 +44,7 @@ def first_round(rewards: Sequence[Sequence[float]], target: float, window: int) 
 
 
 def _meta_fact(run: Run, arm: Arm) -> Fact:
-    center = [row for row in run.rows if (row.phase, row.arm, row.agent) == ("maml", arm.method, 0)]
-    mine = [row for row in center if row.round <= arm.t0]
-    query = sum(row.gradients_query or 0 for row in mine)
-    found = Counts(
-        gradients_support=sum(row.gradients for row in mine) - query,
-        gradients_query=query,
-        uplink_bytes=traffic(run.meter_rows, arm.method, Link.UPLINK).payload * _share(mine, center),
-        downlink_bytes=traffic(run.meter_rows, arm.name, Link.DOWNLINK).payload,
-    )
+    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == ("maml", arm.method, 0)]
     return Fact(
         **_head(run, arm),
         task=META_STAGE,
@@ -69,17 +56,9 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
         learned=True,
         reward=None,
         rmse_m=None,
-        **asdict(found),
-        seconds=round(sum(row.seconds for row in mine), 3),
+        **asdict(meta_counts(run.rows, run.meter_rows, arm.name)),
+        seconds=round(sum(row.seconds for row in stage if row.round <= arm.t0), 3),
     )
-
-
-def _share(mine: Sequence[RoundRow], all_rows: Sequence[RoundRow]) -> float:
-    """How much of the experience sent up the first rounds were learned from; by rounds where no bytes were told."""
-    if not all_rows or len(mine) == len(all_rows):
-        return 1.0
-    told = [sum(row.experience_bytes or 0 for row in rows) for rows in (mine, all_rows)]
-    return told[0] / told[1] if told[1] else len(mine) / len(all_rows)
 
 
 def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
@@ -89,38 +68,21 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
     rewards = _rewards(rows)
     target = run.scenario.federation.target_reward
     robots = len(run.scenario.cluster(result.task))
+    linked = arm.method not in (*SERVED_METHODS, "isolated")
     return Fact(
         **_head(run, arm),
         task=result.task,
         robots=robots,
-        links=directed_links(robots, run.scenario.federation),
+        links=directed_links(robots, run.scenario.federation) if linked else 0,
         rounds=result.rounds,
         rounds_first=first_round(rewards, target, 1) or result.rounds,
         rounds_w3=first_round(rewards, target, 3) or result.rounds,
         learned=result.learned,
         reward=result.reward,
         rmse_m=result.rmse_m,
-        **asdict(_task_counts(run, arm, result.task)),
+        **asdict(task_counts(run.rows, run.meter_rows, arm.name, task=result.task)),
         seconds=_slowest_s(rows),
     )
-
-
-def _task_counts(run: Run, arm: Arm, task: int) -> Counts:
-    """What a task's own stage did; where the data center serves every round, its part is the task's too."""
-    found = counts(run.rows, run.meter_rows, arm.name, task=task)
-    if arm.method in META_METHODS:
-        return found
-    served = [row for row in run.rows if (row.arm, row.task, row.agent) == (arm.name, task, 0)]
-    return found + Counts(
-        gradients_support=sum(row.gradients for row in served),
-        uplink_bytes=_task_bytes(run.meter_rows, arm.name, Link.UPLINK, task),
-        downlink_bytes=_task_bytes(run.meter_rows, arm.name, Link.DOWNLINK, task),
-    )
-
-
-def _task_bytes(meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int) -> int:
-    rows = deliveries(meter_rows, arm, link)
-    return sum(row.payload_bytes for row in rows if row.topic.split("/")[_TASK_LEVEL] == str(task))
 
 
 def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:

@@ -8,11 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from common.methods import method_of
 from common.settings import Energy
+from fleet.arms import METHOD_COLOURS, METHOD_LABELS
 from studies.comparison import Line, line_of, lines
 from studies.estimates import Estimate
 from studies.facts import Fact
-from studies.style import COLOURS, INK, META, PLAIN_COLOUR, blank
+from studies.style import INK, blank
 
 _CAUSES = {
     "data center": "#E69F00",
@@ -49,8 +51,8 @@ def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Map
         axes.set_xticks(range(len(shown)), list(shown))
         axes.set_xlabel(what)
         axes.set_ylabel(label)
-    names = {arm: "without transfer" if arm == "fl" else f"after {arm}" for arm in arms}
-    handles = [Patch(facecolor=_colour(place, arm), label=names[arm]) for place, arm in enumerate(arms)]
+    methods = [method_of(arm) for arm in arms]
+    handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
     return figure
 
@@ -71,7 +73,7 @@ def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
     for place, line in failed.items():
         told = f" {line.not_learned} of {line.trials} not learned"
         right.annotate(told, (0, place), fontsize=6, va="center", ha="left")
-    left.set_yticks(range(len(held)), [line.arm for line in held])
+    left.set_yticks(range(len(held)), [METHOD_LABELS[method_of(line.arm)] for line in held])
     left.invert_yaxis()
     left.set_xlabel("energy $E$ (kJ), literal prices")
     right.set_xlabel("rounds, all tasks")
@@ -82,20 +84,14 @@ def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
 
 def _bars(axes: Axes, place: int, among: int, held: Sequence[Line], part: Callable[[Line], Estimate]) -> None:
     width = _ALL_WIDTH / among
-    colour = _colour(place, held[0].arm) if held else INK
     for x, line in enumerate(held):
         found = part(line)
         at = x + (place - (among - 1) / 2) * width
+        colour = METHOD_COLOURS[method_of(line.arm)]
         axes.bar(at, found.mean, width, color=colour, yerr=found.ci95 or 0.0, ecolor=INK, capsize=2)
         if line.not_learned:
             top = found.mean + (found.ci95 or 0.0)
             axes.annotate(f"{line.not_learned}×", (at, top), fontsize=6, ha="center", va="bottom")
-
-
-def _colour(place: int, arm: str) -> str:
-    if arm == "fl":
-        return PLAIN_COLOUR
-    return META if place == 0 else COLOURS[(place + 2) % len(COLOURS)]
 
 
 def _scaled(found: Estimate, factor: float) -> Estimate:

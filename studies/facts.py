@@ -33,7 +33,7 @@ class Fact(BaseModel):
     robots: int
     """Of the cluster; of task 0, those that the meta-model goes down to."""
     links: int
-    """Directed neighbour links of the cluster."""
+    """Directed neighbour links of the cluster; 0 in methods without sidelinks."""
     rounds: int
     """t_i by the scenario's own reward window; of task 0, t0. A task that was not learned ran to max_rounds."""
     rounds_first: int

@@ -7,17 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from common.energy import (
-    Counts,
-    bill,
-    downlink_bit_per_j,
-    fl_communication_j,
-    fl_learning_j,
-    ml_learning_j,
-    published_bill,
-    transfer_j,
-)
+from common.energy import Counts, price
 from common.settings import Energy
+from fleet.paper import published_of
 from studies.facts import META_STAGE, Fact
 
 PriceList = Literal["literal", "published"]
@@ -106,13 +98,8 @@ class Causes(NamedTuple):
 def causes(facts: Iterable[Fact], energy: Energy) -> Causes:
     """Joules of one arm of one run by cause, literal prices."""
     total = sum((fact.counts for fact in facts), Counts())
-    return Causes(
-        center_j=ml_learning_j(total.gradients_support, total.gradients_query, energy),
-        robots_j=fl_learning_j(total.gradients_robots, energy),
-        uplink_j=transfer_j(total.uplink_bytes, energy.ul_bit_per_j),
-        downlink_j=transfer_j(total.downlink_bytes, downlink_bit_per_j(energy)),
-        sidelink_j=fl_communication_j(total.sidelink_bytes, total.sidelink_sent_bytes, energy),
-    )
+    cost = price(total, energy)
+    return Causes(cost.center_computing_j, cost.robot_computing_j, cost.uplink_j, cost.downlink_j, cost.sidelink_j)
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:
@@ -141,10 +128,8 @@ def failures(facts: Iterable[Fact]) -> int:
 
 def _stage(fact: Fact, energy: Energy, prices: PriceList) -> StageJoules | None:
     if prices == "literal":
-        found = bill(fact.counts, energy)
-        learning_j = found.ml_learning_j + found.fl_learning_j
-        communication_j = found.ml_communication_j + found.fl_communication_j
-        return StageJoules(learning_j, communication_j, learning_j + communication_j)
+        cost = price(fact.counts, energy)
+        return StageJoules(cost.learning_j, cost.communication_j, cost.total_j)
     meta = fact.task == META_STAGE
-    published = published_bill(fact.t0 if meta else 0, 0 if meta else fact.rounds, energy)
+    published = published_of(fact.method, fact.t0 if meta else 0, 0 if meta else fact.rounds, energy)
     return None if published is None else StageJoules(None, None, published.total_j)

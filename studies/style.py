@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from common.errors import StudyError
+from fleet.arms import INK
 from fleet.figures import STYLE
-from fleet.report_drawings import INK
 from studies.estimates import Estimate
 
 __all__ = ["COLOURS", "INK", "META", "PLAIN_COLOUR", "blank", "points", "write_figure"]

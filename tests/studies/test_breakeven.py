@@ -1,6 +1,7 @@
 """Break-even by hand: all constants 1, so that joules are counts."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tests.studies.made_up import meta_fact, task_fact
 # 8 bit a byte at 8 bit/J: one joule a byte.
 ONES = Energy(p0_w=1, t0_batch_s=1, pk_w=1, tk_batch_s=1, pue=1, ul_bit_per_j=8, sl_bit_per_j=8)
 MEAN = MeanCounts(
+    method="maml",
     t0=42,
     meta=Counts(gradients_support=20, uplink_bytes=100),
     task=Counts(gradients_robots=4, sidelink_bytes=4, downlink_bytes=2),
@@ -45,8 +47,10 @@ def test_the_gain_is_one_at_break_even() -> None:
 
 
 def test_the_map_takes_the_best_candidate_at_each_point() -> None:
-    dear = MeanCounts(42, Counts(uplink_bytes=1000), Counts(), Counts(gradients_robots=10), 1, 10)
-    cheap = MeanCounts(90, Counts(uplink_bytes=10), Counts(gradients_robots=9), Counts(gradients_robots=10), 9, 10)
+    dear = MeanCounts("maml", 42, Counts(uplink_bytes=1000), Counts(), Counts(gradients_robots=10), 1, 10)
+    cheap = MeanCounts(
+        "maml", 90, Counts(uplink_bytes=10), Counts(gradients_robots=9), Counts(gradients_robots=10), 9, 10
+    )
     found = gain_map([dear, cheap], ONES, np.array([1.0, 1000.0]), np.array([1.0, 10.0]))
     # E_UL = E_SL. M = 1: 10/1000 or 10/19; M = 1000: 10000/1000 or 10000/9010.
     # E_UL ten times that: 10/100 or 10/10; 10000/100 or 10000/9001.
@@ -74,6 +78,10 @@ def test_published_prices_break_even_by_round_numbers() -> None:
 
 def test_published_prices_are_not_made_up_at_other_efficiencies() -> None:
     assert costs(MEAN, Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3), "published") is None
+
+
+def test_published_prices_are_not_made_up_for_methods_that_the_paper_does_not_have() -> None:
+    assert costs(replace(MEAN, method="reptile"), Energy(), "published") is None
 
 
 def test_an_arm_without_facts_is_named() -> None:

@@ -144,10 +144,10 @@ def test_methods_that_the_data_center_serves_have_its_part_in_every_tasks_stage(
     rows = [RoundRow(phase="fl", arm="centralized", task=1, round=1, seconds=1.0, **each) for each in served]
     broker = Meter("broker")
     for task, size in ((1, 70), (2, 900)):
-        topic = f"jouleswarm/{NAME}/centralized/ul/{task}/1/experience"
+        topic = topics.experience(NAME, "centralized", task, 1)
         broker.count("datacenter", topic, "out", size, size)
-        broker.count("agent-1", f"jouleswarm/{NAME}/centralized/dl/{task}/weights", "out", size + 1, size + 1)
+        broker.count("agent-1", topics.cluster_model(NAME, "centralized", task), "out", size + 1, size + 1)
     run = Run(Path(), {"run": NAME}, scenario, rows, broker.rows(), [], {"status": "complete"}, [])
     found = fact(run, "centralized", 1)
     assert (found.gradients_support, found.gradients_robots) == (20, 0)
-    assert (found.uplink_bytes, found.downlink_bytes) == (70, 71)
+    assert (found.uplink_bytes, found.downlink_bytes, found.links) == (70, 71, 0)
