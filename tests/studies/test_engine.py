@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -68,7 +70,7 @@ class Counting:
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
     with (
-        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster) as client,
     ):
         yield client
@@ -154,6 +156,19 @@ def test_a_study_with_a_failed_job_has_tables_of_the_others_and_ends_with_its_na
     with pytest.raises(StudyError, match=r"1 of 2 jobs failed, .* base-s002-\w+ \(RunError: agent-3 ended"):
         run_study(kind_of("baselines"), asked, "compact", where, Console(file=io.StringIO()))
     assert "| fl | 23.0 |" in (tmp_path / "results" / "baselines.md").read_text()  # 11 + 12 rounds
+
+
+def test_jobs_run_on_a_cluster_of_the_users(client: Client, tmp_path: Path) -> None:
+    address = client.scheduler.address
+    assert run_jobs([job(1)], made_up, tmp_path, lambda: connected(address, 1), progress()) == {}
+    assert read_facts(tmp_path / FACTS) == made_up(job(1))
+
+
+def test_workers_are_processes_that_a_ctrl_c_at_the_terminal_does_not_reach() -> None:
+    with connected(None, 1) as client:
+        assert client.submit(os.getpid).result() != os.getpid()
+        assert signal.SIGINT in client.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result()
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_a_scheduler_that_is_not_there_is_told() -> None:
