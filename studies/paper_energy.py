@@ -95,7 +95,7 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
             held = energy_rows(facts, energy, pair, prices)
             headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E")
             if held is None:
-                note = "The paper implies no prices at these efficiencies."
+                note = "The paper implies no prices for these methods at these efficiencies."
                 tables.append(Table(title, headings, [], (note,)))
                 continue
             best = optimum(held)

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from common.errors import ConfigurationError
+from common.methods import META_METHODS
+from common.scenario import Scenario
 from fleet.paper import TABLE_II
+from studies.arms import PLAIN
 from studies.facts import Fact
 from studies.jobs import Request, Variant, methods_setting
 from studies.kinds import Kind, Outputs, Plan
@@ -18,13 +22,30 @@ from studies.record import Record
 
 
 def plan(request: Request) -> Plan:
-    """One deployment a seed: meta-training to the last t0, adapted from every t0 on the way, and without."""
+    """One deployment a seed: meta-training to the last t0, adapted from every t0 on the way, and without.
+
+    Raises:
+        ConfigurationError: the user's changes leave nothing to compare, or not the t0 asked for.
+    """
     settings = [
         methods_setting([request.meta_method, "fl"]),
         f"meta.t0={LAST_T0}",
         f"meta.adapt_from={list(ON_THE_WAY)}",
     ]
+    _check(request.scenario(settings), request.t0)
     return Plan(request.jobs([Variant("")], settings), settings)
+
+
+def _check(scenario: Scenario, t0: int) -> None:
+    """What only figures would notice, before hours are spent."""
+    measured = [arm.t0 for arm in scenario.arms if arm.method in META_METHODS]
+    if not measured or PLAIN not in scenario.arm_names:
+        raise ConfigurationError(
+            f"study paper: got methods {', '.join(scenario.methods)}, expected one with meta-learning, and {PLAIN}"
+        )
+    if t0 not in (0, *measured):
+        told = ", ".join(map(str, measured))
+        raise ConfigurationError(f"study paper: got --t0 {t0}, expected one of those measured: {told}")
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:

@@ -69,7 +69,9 @@ def test_the_paper_study_runs_to_its_tables_and_runs_nothing_twice(start: Any, t
     assert "1 jobs, 1 of them collected before" in again.printed
 
 
-def test_ctrl_c_leaves_no_process_and_a_job_cut_off_is_run_again(start: Any, eventually: Any, tmp_path: Path) -> None:
+def test_ctrl_c_leaves_no_process_and_no_facts_of_the_job_it_cut_off(
+    start: Any, eventually: Any, tmp_path: Path
+) -> None:
     study = start.python(
         *command(tmp_path, "federation.max_rounds=5000", "meta.adapt_from=[]"), TEST_MARK=str(tmp_path)
     )

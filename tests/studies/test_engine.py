@@ -131,6 +131,14 @@ def test_on_a_pipe_every_finished_job_is_a_line(cluster: Callable[..., Client], 
     assert f"1/1 {job(1).name}, 0 s" in output.getvalue()
 
 
+def test_on_a_terminal_a_bar_tells_what_is_done_and_left(cluster: Callable[..., Client], tmp_path: Path) -> None:
+    output = io.StringIO()
+    terminal = Console(file=output, width=120, force_terminal=True)
+    run_jobs([job(1), job(2)], made_up, tmp_path, cluster, Progress(terminal, "study x"))
+    assert "2/2" in output.getvalue()
+    assert "left" in output.getvalue()
+
+
 def test_facts_collected_under_other_settings_are_not_taken_for_these(tmp_path: Path) -> None:
     write_facts(part_of(tmp_path, job(1, "meta.t0=42")), made_up(job(1)))
     assert collected(tmp_path, [job(1, "meta.t0=66")]) == []

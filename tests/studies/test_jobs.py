@@ -35,7 +35,7 @@ def test_the_paper_study_is_one_deployment_a_seed_adapted_from_every_t0() -> Non
 
 
 def test_what_the_user_sets_comes_after_what_the_study_sets() -> None:
-    (one,) = scenarios("paper", request(TOY, "meta.t0=4", "meta.adapt_from=[2]", seeds=1)).values()
+    (one,) = scenarios("paper", request(TOY, "meta.t0=4", "meta.adapt_from=[2]", seeds=1, t0=0)).values()
     assert one.arm_names == ("maml-t2", "maml", "fl")
 
 
@@ -45,6 +45,19 @@ def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path
     one = scenarios("regimes", request(file, seeds=1, t0=7))["base", 1]
     assert one.methods == ("reptile", "fl")
     assert one.meta.t0 == 7
+
+
+@pytest.mark.parametrize(
+    ("overrides", "t0", "message"),
+    [
+        ((), 43, "got --t0 43, expected one of those measured: 42, 66, 90, 132, 210, 240"),
+        (('methods=["fl"]',), 0, "got methods fl, expected one with meta-learning, and fl"),
+        (('methods=["maml"]',), 0, "got methods maml, expected"),
+    ],
+)
+def test_a_paper_study_that_could_make_no_figures_is_refused(overrides: tuple[str, ...], t0: int, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        kind_of("paper").plan(request(QUICK, *overrides, t0=t0))
 
 
 def test_baselines_are_all_nine_methods_in_one_deployment() -> None:
