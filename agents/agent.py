@@ -15,6 +15,7 @@ from agents.neighbourhood import neighbourhood_of
 from agents.sharing import sharing_of
 from common.bus import Bus
 from common.learner import Learner, Weights
+from common.metaheads import head_of, meta_shapes, start_of
 from common.methods import META_METHODS, SERVED_METHODS, Arm
 from common.payloads import ModelHeader
 from common.qnetwork import build_qnetwork, shapes_of, to_weights
@@ -53,8 +54,17 @@ class Robot:
         here = neighbourhood_of(scenario, agent)
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
-        shapes = shapes_of(build_qnetwork(scenario.network))
-        self.exchange = Exchange(bus, run, here, shapes, scenario.bus.qos, scenario.bus.resend_after_s)
+        network = build_qnetwork(scenario.network)
+        shapes, tasks = shapes_of(network), scenario.meta.training_tasks if scenario.meta.heads == "per_task" else ()
+        self.exchange = Exchange(
+            bus,
+            run,
+            here,
+            shapes,
+            scenario.bus.qos,
+            scenario.bus.resend_after_s,
+            meta_shapes(shapes, head_of(network), tasks),
+        )
         self._sent: dict[str, set[int]] = {}
 
     def initial_weights(self) -> Weights:
@@ -74,7 +84,7 @@ class Robot:
                         self.exchange.publish_motion(method, payload)
                     sent.add(round_)
                     self.exchange.report(self._row("maml", method, round_, begun))
-        return self.exchange.await_meta_model(arm)
+        return start_of(self.exchange.await_meta_model(arm), self.task)
 
     def federate(self, arm: Arm, weights: Weights) -> None:
         """Federated learning, eq. (6), until the cluster's R reaches the target."""

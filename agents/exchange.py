@@ -39,9 +39,18 @@ class Exchange:
     """Robot `agent`'s side of the protocol. One thread."""
 
     def __init__(
-        self, bus: Bus, run: str, here: Neighbourhood, shapes: Shapes, qos: int, resend_after_s: float
+        self,
+        bus: Bus,
+        run: str,
+        here: Neighbourhood,
+        shapes: Shapes,
+        qos: int,
+        resend_after_s: float,
+        meta_shapes: Shapes | None = None,
     ) -> None:
+        """`meta_shapes`: of meta-models, where they hold more than the network (see common/metaheads.py)."""
         self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
+        self._meta_shapes = meta_shapes or shapes
         self.qos, self._resend_after_s = qos, resend_after_s
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
         self._datacenter_stage = 0
@@ -270,7 +279,7 @@ class Exchange:
         again |= set(range(request.first, min(request.last, request.first + 1) + 1))
 
     def _take_meta(self, message: Message) -> None:
-        self._meta[topics.arm_of(message.topic)], _ = decode_model(message.payload, self._shapes)
+        self._meta[topics.arm_of(message.topic)], _ = decode_model(message.payload, self._meta_shapes)
 
     def _take_wanted(self, message: Message) -> None:
         if message.payload:

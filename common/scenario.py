@@ -57,6 +57,12 @@ class Scenario(Section):
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
         if self.meta_methods and not set(self.meta.training_tasks) <= set(ids):
             raise ValueError(f"meta.training_tasks {self.meta.training_tasks} are not all among the tasks {ids}")
+        meta = self.meta
+        if meta.support_batches % meta.inner_steps or meta.query_batches % (meta.support_batches // meta.inner_steps):
+            raise ValueError(
+                f"meta.inner_steps {meta.inner_steps} cuts support_batches {meta.support_batches} and query_batches "
+                f"{meta.query_batches} into unequal meta-updates; expected a divisor"
+            )
         for name in ("snapshots", "adapt_from"):
             rounds = getattr(self.meta, name)
             if any(round_ > self.meta.t0 for round_ in rounds):

@@ -107,8 +107,14 @@ class Meta(Section):
     )
     training_tasks: tuple[Positive, ...] = Field((1, 2, 6), description="the Q training tasks")
     robots_per_task: Positive = Field(1, description="robots of each training cluster that send experience")
-    support_batches: Positive = Field(10, description="B^(a): inner SGD steps, one batch each")
-    query_batches: Positive = Field(10, description="B^(b): batches of the meta-update")
+    heads: Literal["per_task", "shared"] = Field(
+        "per_task", description="a last layer for each training task (others start from their mean), or one for all"
+    )
+    support_batches: Positive = Field(10, description="B^(a): batches of the inner loop a task and round")
+    query_batches: Positive = Field(10, description="B^(b): batches of the meta-updates a task and round")
+    inner_steps: Positive = Field(
+        1, description="SGD steps, one support batch each, before a meta-update: B^(a) / this meta-updates a round"
+    )
     support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")
     batch_size: Positive = 32
     inner_lr: PositiveFloat = Field(1.0, description="mu; gradients are clipped to learning.grad_clip before")

@@ -130,11 +130,5 @@ def reptile_gradient(
     return {name: value - adapted[name] for name, value in params.items()}, adapted
 
 
-def head_of(model: nn.Sequential) -> tuple[str, ...]:
-    """Names of the last layer's parameters."""
-    last = str(len(model) - 1)
-    return tuple(name for name, _ in model.named_parameters() if name.split(".")[0] == last)
-
-
 def _detached(params: Params) -> Params:
     return {name: value.detach() for name, value in params.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +13,14 @@ from torch import Tensor
 from torch.func import grad
 
 from common.errors import TrainingError
+from common.metaheads import head_of
 from common.methods import Method
-from common.qnetwork import build_qnetwork, to_weights
+from common.qnetwork import build_qnetwork
 from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
-from datacenter.maml import Loss, Params, TensorBatch, head_of, make_loss, meta_gradient, reptile_gradient, to_tensors
+from datacenter.maml import Loss, Params, TensorBatch, make_loss, meta_gradient, reptile_gradient, to_tensors
+from datacenter.metamodel import MetaModel
 from datacenter.motions import Motion, remember
 
 
@@ -29,6 +32,13 @@ class Gradients:
     query: int
 
 
+class Batches(NamedTuple):
+    """What one meta-update uses of a task's round."""
+
+    support: list[TensorBatch]
+    query: list[TensorBatch]
+
+
 class MetaLearner:
     """One meta method, round by round, on a CUDA device where there is one."""
 
@@ -36,17 +46,16 @@ class MetaLearner:
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
-        self._parameters = list(self._model.parameters())
-        self._optimizer = torch.optim.Adam(self._parameters, lr=self._settings.meta_lr, fused=True)
+        self._head = head_of(self._model)
+        tasks = self._settings.training_tasks
+        self.meta_model = MetaModel(self._model, tasks if self._settings.heads == "per_task" else ())
+        self._leaves = dict(self.meta_model.named())
+        self._optimizer = torch.optim.Adam(self._leaves.values(), lr=self._settings.meta_lr, fused=True)
         self._targets: dict[int, Params] = {
-            task: {name: value.detach().clone() for name, value in self._model.named_parameters()}
-            for task in self._settings.training_tasks
+            task: {name: value.clone() for name, value in self.meta_model.params(task).items()} for task in tasks
         }
         network = scenario.network
-        self._replays = {
-            task: Replay(self._settings.replay_size, network.height, network.width)
-            for task in self._settings.training_tasks
-        }
+        self._replays = {task: Replay(self._settings.replay_size, network.height, network.width) for task in tasks}
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
@@ -55,59 +64,32 @@ class MetaLearner:
     def learn(self, round_: int) -> dict[int, Gradients]:
         """One round over all training tasks; returns the gradients computed for each.
 
-        Random draws depend on seed, round and task only, so that a round resumed is the round undisturbed.
+        B^(a) support and B^(b) query batches a task make B^(a) / inner_steps meta-updates (joint training: one for
+        each batch). Random draws depend on seed, round and task only, so that a round resumed is the round
+        undisturbed.
 
         Raises:
             TrainingError: a meta-gradient is not finite.
         """
-        batches = {task: self._draw(task, round_) for task in self._settings.training_tasks}
-        if self._method == "multitask":
-            return self._learn_jointly(batches, round_)
-        total = [torch.zeros_like(value) for value in self._parameters]
-        for task, (support, query) in batches.items():
-            gradient, adapted = self._gradient(task, support, query)
-            torch._foreach_add_(total, list(gradient.values()))
-            self._track(task, adapted, self._settings.target_polyak)
-        self._update(total, round_)
-        if self._method == "reptile":  # every batch is one of the adaptation
-            return {task: Gradients(len(support) + len(query), 0) for task, (support, query) in batches.items()}
-        return {task: Gradients(len(support), len(query)) for task, (support, query) in batches.items()}
-
-    def _gradient(self, task: int, support: list[TensorBatch], query: list[TensorBatch]) -> tuple[Params, Params]:
-        """A task's meta-gradient and its adapted model."""
-        settings, clip = self._settings, self._scenario.learning.grad_clip
-        params, loss = self._params(), self._loss(task)
-        if self._method == "reptile":
-            return reptile_gradient(params, [*support, *query], loss, settings.inner_lr, clip)
-        inner = head_of(self._model) if self._method == "anil" else None
-        exact = self._method != "fomaml"
-        return meta_gradient(params, support, query, loss, settings.inner_lr, exact=exact, clip=clip, inner=inner)
-
-    def _learn_jointly(
-        self, batches: dict[int, tuple[list[TensorBatch], list[TensorBatch]]], round_: int
-    ) -> dict[int, Gradients]:
-        """Joint training: one step on a batch of every task at once, as many steps as there are batches."""
-        lists = {task: [*support, *query] for task, (support, query) in batches.items()}
-        for step in zip(*lists.values(), strict=True):
-            params = self._params()
-            total = [torch.zeros_like(value) for value in self._parameters]
-            for task, batch in zip(lists, step, strict=True):
-                torch._foreach_add_(total, list(grad(self._loss(task))(params, batch).values()))
-            self._update(total, round_)
-            for task in lists:
-                self._track(task, self._params(), self._scenario.learning.target_polyak)
-        return {task: Gradients(len(each), 0) for task, each in lists.items()}
-
-    def _params(self) -> Params:
-        return {name: value.detach() for name, value in self._model.named_parameters()}
-
-    def _loss(self, task: int) -> Loss:
-        learning = self._scenario.learning
-        return make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
+        updates = {task: self._split(self._draw(task, round_)) for task in self._settings.training_tasks}
+        for update in zip(*updates.values(), strict=True):
+            self.meta_model.zero_gradients()
+            for task, batches in zip(updates, update, strict=True):
+                gradient, adapted = self._gradient(task, batches)
+                self.meta_model.add_gradient(task, gradient, 1 / len(updates))
+                torch._foreach_lerp_(
+                    list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak
+                )
+            self._update(round_)
+        support, query = self._settings.support_batches, self._settings.query_batches
+        # Reptile's and joint training's batches are all of one kind.
+        plain = self._method in ("reptile", "multitask")
+        counts = Gradients(support + query, 0) if plain else Gradients(support, query)
+        return dict.fromkeys(updates, counts)
 
     def weights(self) -> dict[str, npt.NDArray[np.float32]]:
-        """A copy of the meta-model's parameters."""
-        return to_weights(self._model)
+        """A copy of the meta-model's parameters, as it goes down (see `MetaModel.weights`)."""
+        return self.meta_model.weights()
 
     @property
     def fingerprint(self) -> str:
@@ -117,44 +99,74 @@ class MetaLearner:
 
     def state(self) -> dict[str, Tensor]:
         """Everything that `load_state` needs to go on, as named tensors (replay apart)."""
-        named = dict(self._model.named_parameters())
-        state = {f"model/{name}": value.detach() for name, value in named.items()}
+        state = {f"model/{name}": value.detach() for name, value in self._leaves.items()}
         for task, target in self._targets.items():
             state |= {f"target/{task}/{name}": value for name, value in target.items()}
-        for name, parameter in named.items():
-            state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[parameter].items()}
+        for name, leaf in self._leaves.items():
+            state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
         return {name: value.cpu().contiguous() for name, value in state.items()}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """Take up a state saved by `state`."""
-        for name, parameter in self._model.named_parameters():
+        for task, target in self._targets.items():
+            for name, value in target.items():
+                value.copy_(state[f"target/{task}/{name}"])
+        for name, leaf in self._leaves.items():
             with torch.no_grad():
-                parameter.copy_(state[f"model/{name}"])
-            for task in self._targets:
-                self._targets[task][name].copy_(state[f"target/{task}/{name}"])
+                leaf.copy_(state[f"model/{name}"])
             moments = {key: state[f"adam/{name}/{key}"].clone() for key in ("step", "exp_avg", "exp_avg_sq")}
-            self._optimizer.state[parameter] = {
-                key: value.to(parameter.device) if key == "step" else torch.empty_like(parameter).copy_(value)
+            self._optimizer.state[leaf] = {
+                key: value.to(leaf.device) if key == "step" else torch.empty_like(leaf).copy_(value)
                 for key, value in moments.items()
             }
 
-    def _draw(self, task: int, round_: int) -> tuple[list[TensorBatch], list[TensorBatch]]:
+    def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
+        """A task's meta-gradient and the model that its target network follows."""
+        settings, learning = self._settings, self._scenario.learning
+        params = self.meta_model.params(task)
+        loss: Loss = make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
+        if self._method == "multitask":
+            (batch,) = batches.support
+            return grad(loss)(params, batch), params
+        if self._method == "reptile":
+            every = [*batches.support, *batches.query]
+            return reptile_gradient(params, every, loss, settings.inner_lr, learning.grad_clip)
+        return meta_gradient(
+            params,
+            *batches,
+            loss,
+            settings.inner_lr,
+            exact=self._method != "fomaml",
+            clip=learning.grad_clip,
+            inner=self._head if self._method == "anil" else None,
+        )
+
+    def _draw(self, task: int, round_: int) -> Batches:
         settings, replay = self._settings, self._replays[task]
         rng = stream(self._scenario.seed, "meta", "batches", task, round_)
         # A robot adapts on what it has just seen, so that is what the adaptation is rehearsed on.
         newest = settings.support_newest * len(self._scenario.training_agents[task])
         support = [replay.sample(settings.batch_size, rng, newest) for _ in range(settings.support_batches)]
         query = [replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)]
-        return [to_tensors(each, self._device) for each in support], [to_tensors(each, self._device) for each in query]
+        return Batches(
+            [to_tensors(each, self._device) for each in support], [to_tensors(each, self._device) for each in query]
+        )
 
-    def _track(self, task: int, adapted: Params, rate: float) -> None:
-        """The task's target network q~ follows its adapted models."""
-        torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), rate)
+    def _split(self, batches: Batches) -> list[Batches]:
+        """A round's batches by meta-update."""
+        if self._method == "multitask":
+            return [Batches([each], []) for each in (*batches.support, *batches.query)]
+        inner = self._settings.inner_steps
+        updates = len(batches.support) // inner
+        outer = len(batches.query) // updates
+        return [
+            Batches(batches.support[i * inner : (i + 1) * inner], batches.query[i * outer : (i + 1) * outer])
+            for i in range(updates)
+        ]
 
-    def _update(self, gradients: list[Tensor], round_: int) -> None:
-        for parameter, gradient in zip(self._parameters, gradients, strict=True):
-            parameter.grad = gradient / len(self._settings.training_tasks)
-        norm = torch.nn.utils.clip_grad_norm_(self._parameters, self._scenario.learning.grad_clip, foreach=True)
+    def _update(self, round_: int) -> None:
+        leaves = list(self._leaves.values())
+        norm = torch.nn.utils.clip_grad_norm_(leaves, self._scenario.learning.grad_clip, foreach=True)
         if not torch.isfinite(norm):
             raise TrainingError(f"meta-gradient of round {round_} is not finite; lower meta.inner_lr or meta.meta_lr")
         self._optimizer.step()

@@ -15,6 +15,7 @@ from agents.agent import run_agent
 from benchmarks.in_memory import Outcome, run_in_memory
 from common import topics
 from common.bus import MemoryBus, MemoryHub
+from common.metaheads import head_of, meta_shapes
 from common.payloads import (
     ModelHeader,
     MotionHeader,
@@ -144,13 +145,19 @@ def test_every_shape_of_cluster_completes_and_moves_rounds_x_links_x_payload(ove
     assert set(outcome.learned) == {(arm, task) for arm in ("maml", "fl") for task in (1, 2)}
 
 
+def meta_model_shapes(scenario: Scenario) -> dict[str, tuple[int, ...]]:
+    network = build_qnetwork(scenario.network)
+    return meta_shapes(shapes_of(network), head_of(network), scenario.meta.training_tasks)
+
+
 def test_uplink_and_downlink_move_what_the_equations_count(outcome: Outcome) -> None:
     scenario, rows = small(), outcome.hub.meter.rows()
     frame = np.zeros((48, 64, 4), np.uint8)
     header = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0, first=True, terminated=False)
     motion_bytes = len(encode_motion(frame, header))
     assert traffic(rows, "maml", topics.Link.UPLINK)[:2] == (T0 * MOTIONS, T0 * MOTIONS * motion_bytes)
-    meta_bytes = len(encode_model(to_weights(build_qnetwork(scenario.network)), ModelHeader(task=0, agent=0, round=T0)))
+    model = {name: np.zeros(shape, np.float32) for name, shape in meta_model_shapes(scenario).items()}
+    meta_bytes = len(encode_model(model, ModelHeader(task=0, agent=0, round=T0)))
     assert traffic(rows, "maml", topics.Link.DOWNLINK)[:2] == (4, 4 * meta_bytes)
     for link in (topics.Link.UPLINK, topics.Link.DOWNLINK):
         assert traffic(rows, "fl", link).messages == 0
@@ -219,10 +226,15 @@ def test_the_meta_model_is_where_federated_learning_starts() -> None:
     threads = [in_thread(run_agent, scenario, agent, "r", hub.connect(f"agent-{agent}")) for agent in scenario.agents]
     threads.append(in_thread(run_datacenter, scenario, "r", hub.connect("datacenter")))
     assert all(ended(thread) for thread in threads)
-    shapes = shapes_of(build_qnetwork(scenario.network))
-    messages = [ears.receive(0), ears.receive(0)]
-    meta, first = (decode_model(message.payload, shapes)[0] for message in messages if message)
-    assert all(np.array_equal(meta[name], first[name]) for name in shapes)
+    snapshot, weights = ears.receive(0), ears.receive(0)
+    assert snapshot is not None
+    assert weights is not None
+    meta, _ = decode_model(snapshot.payload, meta_model_shapes(scenario))
+    first, _ = decode_model(weights.payload, shapes_of(build_qnetwork(scenario.network)))
+    # Robot 1's task is trained on, so its last layer is the task's own.
+    for name, tensor in first.items():
+        assert np.array_equal(tensor, meta.get(f"task1/{name}", meta[name]))
+    assert "task1/7.weight" in meta
 
 
 def dying(bus: MemoryBus) -> MemoryBus:

@@ -24,6 +24,7 @@ def _scenario(**sections: Any) -> Scenario:
         "learning": {"motions_per_round": 4},
         "meta": {
             "t0": 4, "training_tasks": [1, 2], "batch_size": 4, "support_batches": 2, "query_batches": 3,
+            "inner_steps": 2,
         },
         "tasks": [{"id": task, "map": ". E . \n . * . \n . * . \n . X ."} for task in (1, 2, 3)],
     }  # fmt: skip
