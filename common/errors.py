@@ -37,3 +37,9 @@ class RunError(JouleSwarmError):
     """A run that cannot go on or cannot be read: a process died, a file is missing."""
 
     exit_code = 5
+
+
+class StudyError(JouleSwarmError):
+    """A study that cannot be planned, run to its end or read back."""
+
+    exit_code = 6

@@ -26,7 +26,7 @@ CAPTIONS = {
     "episodes; dashed is the reward at which a task counts as learned; a cross ends a task that was not.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -59,7 +59,7 @@ def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
     for name, draw in _FIGURES.items():
         if suffix and name != "energy":
             continue
-        with matplotlib.rc_context(_STYLE | {"svg.hashsalt": name}):
+        with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
             figure = draw(run, energy)
             for kind, options in (("png", {"dpi": _PNG_DPI}), ("svg", {"metadata": {"Date": None}})):
                 path = folder / f"{name}{suffix}.{kind}"
@@ -72,7 +72,7 @@ def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     """Figures by name as SVG elements for one HTML page: the page's text colour, no two ids alike."""
     found = {}
     for name, draw in _FIGURES.items():
-        with matplotlib.rc_context(_STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
+        with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
             draw(run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
         svg = file.getvalue()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-OURS = {"agents", "broker", "common", "datacenter", "fleet", "benchmarks", "tests"}
+OURS = {"agents", "broker", "common", "datacenter", "fleet", "studies", "benchmarks", "tests"}
 # Processes meet on the bus only; the fleet starts them, it does not import them.
 MAY_IMPORT = {
     "common": {"common"},
@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "broker": {"broker", "common"},
     "datacenter": {"datacenter", "common"},
     "fleet": {"fleet", "common"},
+    "studies": {"studies", "fleet", "common"},
 }
 
 

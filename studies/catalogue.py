@@ -1,0 +1,22 @@
+"""All studies by name."""
+
+from __future__ import annotations
+
+from common.errors import StudyError
+from studies.kinds import Kind
+from studies.paper_study import KIND as PAPER
+from studies.point_studies import BASELINES, CODECS, REGIMES, SENSITIVITY
+from studies.similarity import KIND as SIMILARITY
+
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (PAPER, BASELINES, SENSITIVITY, REGIMES, SIMILARITY, CODECS)}
+
+
+def kind_of(name: str) -> Kind:
+    """The study called `name`.
+
+    Raises:
+        StudyError: there is none.
+    """
+    if name not in KINDS:
+        raise StudyError(f"got a study called {name!r}, expected one of {', '.join(KINDS)}")
+    return KINDS[name]

@@ -1,0 +1,70 @@
+"""`python -m studies.child FOLDER RUN`: the process that leads one job's deployment. Started by `studies.deployment`.
+
+FOLDER holds the scenario and its overrides; the run directory FOLDER/RUN and the facts are written there. It ends,
+and all processes of the deployment with it, when its stdin is closed: by whoever started it, or by that one's end.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from rich.console import Console
+
+from common.errors import JouleSwarmError, StudyError
+from common.scenario import load_scenario
+from fleet.report_data import load_run
+from fleet.run import run_deployment
+from studies.collect import facts_of
+from studies.deployment import FACTS, SETTINGS
+from studies.facts import write_facts
+
+
+def lead(folder: Path, name: str) -> None:
+    """Run the deployment and write its facts.
+
+    Raises:
+        StudyError: the run is not complete.
+        JouleSwarmError: the deployment failed.
+    """
+    file = folder / "scenario.toml"
+    settings = (folder / SETTINGS).read_text(encoding="utf-8").splitlines()
+    options = ["--scenario", str(file), *(part for each in settings for part in ("--set", each))]
+    quiet = Console(quiet=True, force_terminal=False)
+    path = run_deployment(load_scenario(file, settings), options, name, folder, None, quiet)
+    run = load_run(path)
+    if run.status != "complete":
+        raise StudyError(f"the run is {run.status}, expected complete; see {path}")
+    write_facts(folder / FACTS, facts_of(run))
+
+
+def main() -> None:
+    """Entry point: errors of ours are one line and their exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
+    folder, name = sys.argv[1:]
+    try:
+        lead(Path(folder), name)
+    except JouleSwarmError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(error.exit_code) from error
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def _end_with_stdin() -> None:
+    # Not by sys.stdin: the interpreter could not take its lock from this thread when it ends.
+    while os.read(0, 1):
+        pass
+    # To the main thread, so that whatever it waits for is broken off. SIGTERM: SIGINT may be blocked here.
+    ident = threading.main_thread().ident
+    if ident is not None:
+        signal.pthread_kill(ident, signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Figures of variants side by side, and of methods by what their joules are spent on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from common.methods import method_of
+from common.settings import Energy
+from fleet.arms import METHOD_COLOURS, METHOD_LABELS
+from studies.comparison import Line, line_of, lines
+from studies.estimates import Estimate
+from studies.facts import Fact
+from studies.style import INK, blank
+
+_CAUSES = {
+    "data center": "#E69F00",
+    "robots": "#0072B2",
+    "uplink": "#D55E00",
+    "downlink": "#009E73",
+    "sidelink": "#CC79A7",
+}
+_PANELS: dict[str, Callable[[Line], Estimate]] = {
+    "rounds, all tasks": lambda line: line.rounds,
+    "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
+    "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
+}
+_ALL_WIDTH = 0.76
+
+
+def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Mapping[str, str]) -> Figure:
+    """Rounds, energy and bits against the values of what was varied, arm beside arm.
+
+    Args:
+        facts: of all variants.
+        energy: constants; literal prices.
+        what: name of what was varied.
+        variants: its value, as shown, -> the variant that has it. Values without facts are left out.
+    """
+    measured = {fact.variant for fact in facts}
+    shown = {value: variant for value, variant in variants.items() if variant in measured}
+    arms = list(dict.fromkeys(fact.arm for fact in facts))
+    figure = blank(2.5)
+    for axes, (label, part) in zip(figure.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
+        for place, arm in enumerate(arms):
+            held = [line_of(facts, variant, arm, energy) for variant in shown.values()]
+            _bars(axes, place, len(arms), held, part)
+        axes.set_xticks(range(len(shown)), list(shown))
+        axes.set_xlabel(what)
+        axes.set_ylabel(label)
+    methods = [method_of(arm) for arm in arms]
+    handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
+    return figure
+
+
+def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
+    """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned."""
+    figure = blank(3.0)
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
+    held = lines(facts, energy)
+    for place, line in enumerate(held):
+        start = 0.0
+        for colour, found in zip(_CAUSES.values(), line.causes, strict=True):
+            left.barh(place, found.mean / 1e3, left=start, color=colour)
+            start += found.mean / 1e3
+        left.errorbar(start, place, xerr=(line.total.ci95 or 0.0) / 1e3, color=INK, capsize=2, elinewidth=0.8)
+        right.barh(place, line.rounds.mean, xerr=line.rounds.ci95 or 0.0, color="#bbbbbb", ecolor=INK, capsize=2)
+    failed = {place: line for place, line in enumerate(held) if line.not_learned}
+    for place, line in failed.items():
+        told = f" {line.not_learned} of {line.trials} not learned"
+        right.annotate(told, (0, place), fontsize=6, va="center", ha="left")
+    left.set_yticks(range(len(held)), [METHOD_LABELS[method_of(line.arm)] for line in held])
+    left.invert_yaxis()
+    left.set_xlabel("energy $E$ (kJ), literal prices")
+    right.set_xlabel("rounds, all tasks")
+    handles = [Patch(facecolor=colour, label=name) for name, colour in _CAUSES.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(_CAUSES))
+    return figure
+
+
+def _bars(axes: Axes, place: int, among: int, held: Sequence[Line], part: Callable[[Line], Estimate]) -> None:
+    width = _ALL_WIDTH / among
+    for x, line in enumerate(held):
+        found = part(line)
+        at = x + (place - (among - 1) / 2) * width
+        colour = METHOD_COLOURS[method_of(line.arm)]
+        axes.bar(at, found.mean, width, color=colour, yerr=found.ci95 or 0.0, ecolor=INK, capsize=2)
+        if line.not_learned:
+            top = found.mean + (found.ci95 or 0.0)
+            axes.annotate(f"{line.not_learned}×", (at, top), fontsize=6, ha="center", va="bottom")
+
+
+def _scaled(found: Estimate, factor: float) -> Estimate:
+    return Estimate(found.mean / factor, None if found.ci95 is None else found.ci95 / factor, found.n)

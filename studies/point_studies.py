@@ -1,0 +1,62 @@
+"""Four studies made of points: sensitivity, regimes, codecs, and all methods side by side."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from common.methods import METHODS
+from common.scenario import Scenario
+from fleet.paper import TRAINING_TASKS
+from studies.jobs import Request, Variant, methods_setting
+from studies.kinds import Kind, Plan
+from studies.sweeps import Point, methods_outputs, sweep, sweep_outputs
+
+_TRAINING_SIZES = (1, 2, 3, 6)
+_CLUSTER_SIZES = (1, 2, 4, 8)
+_BATCHES = (5, 10, 20, 40)
+# Of a cluster this large: among 4 robots every 2-regular graph is a ring.
+_LARGE_CLUSTER = "federation.robots_per_cluster=8"
+_AUTHORS = ("learning.lr=2.5e-4", "learning.target_polyak=1", "learning.target_every=100")
+
+
+def sensitivity_points(scenario: Scenario) -> list[Point]:
+    """Training tasks Q, cluster size, topology and batches a round, one at a time."""
+    ids = [task.id for task in scenario.tasks]
+    ordered = [task for task in TRAINING_TASKS if task in ids]
+    ordered += [task for task in ids if task not in ordered]
+    sizes = [size for size in _TRAINING_SIZES if size <= len(ordered)]
+    points = [Point("Q", str(size), (f"meta.training_tasks={sorted(ordered[:size])}",)) for size in sizes]
+    points += [Point("robots", str(size), (f"federation.robots_per_cluster={size}",)) for size in _CLUSTER_SIZES]
+    points += [
+        Point("topology", "full", ('federation.topology="full"', _LARGE_CLUSTER)),
+        Point("topology", "ring", ('federation.topology="ring"', _LARGE_CLUSTER)),
+        Point("topology", "random", ('federation.topology="random"', "federation.degree=3", _LARGE_CLUSTER)),
+    ]
+    return points + [Point("batches", str(count), (f"learning.batches_per_round={count}",)) for count in _BATCHES]
+
+
+def regime_points(scenario: Scenario) -> list[Point]:
+    """The scenario's own learning settings, and the authors': a slow learner with a target copied rarely."""
+    return [Point("regime", "tuned", ()), Point("regime", "authors", _AUTHORS)]
+
+
+def codec_points(scenario: Scenario) -> list[Point]:
+    """How weights are encoded between robots, and how experience is on its way up."""
+    codecs = ("float32", "float16", "int8", "topk")
+    points = [Point("weights", codec, (f'federation.codec="{codec}"',)) for codec in codecs]
+    frames = ("raw", "png", "resized")
+    return points + [Point("experience", codec, (f'meta.experience_codec="{codec}"',)) for codec in frames]
+
+
+def plan_baselines(request: Request) -> Plan:
+    """One deployment a seed, every method an arm of it."""
+    settings = [methods_setting(METHODS), f"meta.t0={request.t0}"]
+    return Plan(request.jobs([Variant("")], settings), settings)
+
+
+BASELINES = Kind("baselines", 5, 42, plan_baselines, partial(methods_outputs, "Methods side by side"))
+SENSITIVITY = Kind(
+    "sensitivity", 3, 42, partial(sweep, points=sensitivity_points), partial(sweep_outputs, "One setting at a time")
+)
+REGIMES = Kind("regimes", 5, 42, partial(sweep, points=regime_points), partial(sweep_outputs, "Learning regimes"))
+CODECS = Kind("codecs", 3, 42, partial(sweep, points=codec_points), partial(sweep_outputs, "Encodings"))

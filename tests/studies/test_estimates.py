@@ -1,0 +1,28 @@
+"""Means and intervals, worked out by hand."""
+
+import pytest
+
+from common.errors import StudyError
+from studies.estimates import estimate
+
+
+def test_the_interval_of_three_seeds_is_students() -> None:
+    # s of 1, 2, 3 is 1; t(0.975, 2) = 4.3027; 4.3027 x 1 / sqrt(3) = 2.4842
+    found = estimate([1, 2, 3])
+    assert found.mean == 2
+    assert found.ci95 == pytest.approx(2.4842, abs=1e-4)
+    assert found.n == 3
+
+
+def test_two_seeds_have_the_wide_interval_of_one_degree_of_freedom() -> None:
+    # s of 0 and 2 is sqrt 2; t(0.975, 1) = 12.7062; 12.7062 x sqrt 2 / sqrt 2
+    assert estimate([0, 2]).ci95 == pytest.approx(12.7062, abs=1e-4)
+
+
+def test_one_seed_has_no_interval() -> None:
+    assert estimate([7.5]) == (7.5, None, 1)
+
+
+def test_a_mean_of_nothing_is_refused() -> None:
+    with pytest.raises(StudyError, match="no values"):
+        estimate([])

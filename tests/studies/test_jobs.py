@@ -1,0 +1,122 @@
+"""Plans of studies: which deployments, with which settings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from common.errors import ConfigurationError
+from common.scenario import Scenario
+from studies.catalogue import kind_of
+from studies.families import similarity
+from studies.jobs import Job, Request, range_of_seeds
+
+ROOT = Path(__file__).parents[2]
+QUICK, TOY = ROOT / "scenarios" / "quick.toml", ROOT / "scenarios" / "toy.toml"
+
+
+def request(file: Path = QUICK, *overrides: str, seeds: int = 2, t0: int = 42) -> Request:
+    return Request(file, overrides, range_of_seeds(seeds, 1), t0)
+
+
+def scenarios(name: str, asked: Request) -> dict[tuple[str, int], Scenario]:
+    return {(job.variant, job.seed): job.load() for job in kind_of(name).plan(asked).jobs}
+
+
+def test_the_paper_study_is_one_deployment_a_seed_adapted_from_every_t0() -> None:
+    found = scenarios("paper", request(seeds=3))
+    assert list(found) == [("", 1), ("", 2), ("", 3)]
+    one = found["", 2]
+    assert one.seed == 2
+    assert one.arm_names == ("maml-t42", "maml-t66", "maml-t90", "maml-t132", "maml-t210", "maml", "fl")
+    assert [arm.t0 for arm in one.arms] == [42, 66, 90, 132, 210, 240, 0]
+
+
+def test_what_the_user_sets_comes_after_what_the_study_sets() -> None:
+    (one,) = scenarios("paper", request(TOY, "meta.t0=4", "meta.adapt_from=[2]", seeds=1, t0=0)).values()
+    assert one.arm_names == ("maml-t2", "maml", "fl")
+
+
+def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path) -> None:
+    file = tmp_path / "r.toml"
+    file.write_text(QUICK.read_text().replace('["maml", "fl"]', '["fl", "reptile"]'))
+    one = scenarios("regimes", request(file, seeds=1, t0=7))["base", 1]
+    assert one.methods == ("reptile", "fl")
+    assert one.meta.t0 == 7
+
+
+@pytest.mark.parametrize(
+    ("overrides", "t0", "message"),
+    [
+        ((), 43, "got --t0 43, expected one of those measured: 42, 66, 90, 132, 210, 240"),
+        (('methods=["fl"]',), 0, "got methods fl, expected one with meta-learning, and fl"),
+        (('methods=["maml"]',), 0, "got methods maml, expected"),
+    ],
+)
+def test_a_paper_study_that_could_make_no_figures_is_refused(overrides: tuple[str, ...], t0: int, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        kind_of("paper").plan(request(QUICK, *overrides, t0=t0))
+
+
+def test_baselines_are_all_nine_methods_in_one_deployment() -> None:
+    (one,) = scenarios("baselines", request(seeds=1)).values()
+    assert len(one.arms) == 9
+    assert one.meta.t0 == 42
+
+
+def test_points_of_a_sweep_that_come_to_the_same_scenario_are_run_once() -> None:
+    plan = kind_of("sensitivity").plan(request(seeds=1))
+    # Q = 3, 2 robots and 20 batches are the scenario as it is; 8 robots are fully meshed anyway.
+    assert [job.variant for job in plan.jobs] == [
+        "Q=1", "Q=2", "base", "Q=6", "robots=1", "robots=4", "robots=8", "topology=ring", "topology=random",
+        "batches=5", "batches=10", "batches=40",
+    ]  # fmt: skip
+    assert plan.groups["topology"] == {"full": "robots=8", "ring": "topology=ring", "random": "topology=random"}
+    assert plan.groups["batches"]["20"] == "base"
+
+
+def test_sensitivity_varies_one_setting_at_a_time() -> None:
+    found = scenarios("sensitivity", request(seeds=1))
+    assert found["Q=2", 1].meta.training_tasks == (1, 2)
+    assert found["Q=6", 1].meta.training_tasks == (1, 2, 3, 4, 5, 6)
+    assert len(found["robots=8", 1].agents) == 48
+    assert found["topology=random", 1].federation.degree == 3
+    assert found["batches=40", 1].learning.batches_per_round == 40
+    assert found["batches=40", 1].federation == found["base", 1].federation
+
+
+def test_the_authors_regime_is_a_slow_learner_with_a_target_copied_rarely() -> None:
+    learning = scenarios("regimes", request(seeds=1))["regime=authors", 1].learning
+    assert (learning.lr, learning.target_polyak, learning.target_every) == (2.5e-4, 1, 100)
+
+
+def test_similarity_draws_a_family_of_tasks_a_stem_and_seed() -> None:
+    plan = kind_of("similarity").plan(request(seeds=2))
+    assert len(plan.jobs) == 7 * 2
+    for job in plan.jobs:
+        loaded = job.load()
+        stem = int(job.variant.removeprefix("stem="))
+        paths = [loaded.task_map(task.id).path for task in loaded.tasks]
+        assert len({path[: stem + 1] for path in paths}) == 1
+        assert plan.values[job.variant][job.seed] == pytest.approx(similarity(paths), abs=1e-6)
+
+
+def test_a_job_writes_the_scenario_that_its_processes_load(tmp_path: Path) -> None:
+    job = Job("", 5, QUICK.read_text(), ("meta.t0=3",))
+    path = job.write(tmp_path / "deep" / "job")
+    assert path.read_text() == QUICK.read_text()
+    assert job.settings == ("meta.t0=3", "seed=5")
+    assert json.loads(job.load().model_dump_json())["seed"] == 5
+
+
+@pytest.mark.parametrize(("count", "first"), [(0, 1), (3, -1)])
+def test_seeds_that_cannot_be_are_refused(count: int, first: int) -> None:
+    with pytest.raises(ConfigurationError, match=f"got {count} seeds from {first} on"):
+        range_of_seeds(count, first)
+
+
+def test_a_scenario_that_is_not_there_is_told() -> None:
+    with pytest.raises(ConfigurationError, match="name a file with --scenario"):
+        kind_of("paper").plan(request(Path("nowhere.toml")))

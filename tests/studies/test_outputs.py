@@ -1,0 +1,185 @@
+"""Tables and figures from made-up facts."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from common.errors import StudyError
+from common.methods import Arm
+from common.scenario import Scenario
+from studies.catalogue import KINDS, kind_of
+from studies.engine import FACTS
+from studies.estimates import Estimate
+from studies.facts import Fact, read_facts, write_facts
+from studies.kinds import write_csv_tables, write_outputs
+from studies.names import STUDIES
+from studies.paper_energy import EnergyRow, optimum
+from studies.record import RECORD, Record, read_record
+from studies.run import make_tables
+from studies.tables import estimate_text
+from tests.studies.made_up import meta_fact, pair_of_arms, task_fact
+
+Rows = list[dict[str, str]]
+
+
+def rows_of(path: Path, **where: str) -> Rows:
+    with path.open(newline="") as file:
+        return [row for row in csv.DictReader(file) if all(row[key] == value for key, value in where.items())]
+
+
+def test_the_paper_study_makes_its_tables_and_figures_from_facts_alone(made: Path) -> None:
+    written = {path.name for path in made.iterdir()} - {FACTS, RECORD}
+    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven"}
+    figures = {"fig3", "fig4a", "fig4b", "breakeven"}
+    assert written == (
+        {f"{name}.csv" for name in tables}
+        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy")}
+        | {f"{name}.{kind}" for name in figures for kind in ("png", "svg")}
+    )
+    assert (made / "fig4a.svg").read_text().startswith("<?xml")
+    assert (made / "fig3.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_table_2_has_mean_interval_and_printed_value_of_every_t0_and_task(made: Path) -> None:
+    table = made / "table2.csv"
+    assert len(rows_of(table)) == 3 * 7 * 7
+    # Printed 29.7; made up as 30 + seed: 31, 32, 33, of which the interval is t(0.975, 2) / sqrt 3.
+    (found,) = rows_of(table, measure="rounds", t0="42", task="1")
+    assert (found["rounds"], found["ci95"], found["printed"]) == ("32", "2.48414", "29.7")
+    (first,) = rows_of(table, measure="rounds_first", t0="42", task="1")
+    assert first["rounds"] == "30"
+    (total,) = rows_of(table, measure="rounds", t0="240", task="sum")
+    assert total["printed"] == "104"
+
+
+def test_a_task_that_was_not_learned_is_counted_and_not_dropped(made: Path) -> None:
+    (found,) = rows_of(made / "table2.csv", measure="rounds", t0="0", task="1")
+    assert (found["rounds"], found["not_learned"], found["trials"]) == ("382", "1", "3")
+    for name in ("seen_unseen", "energy", "optimum", "breakeven"):
+        assert {"not_learned", "trials"} <= rows_of(made / f"{name}.csv")[0].keys()
+    assert "1 of 18" in (made / "table2.md").read_text()
+    assert "1 of 18" in (made / "energy.md").read_text()
+
+
+def test_energy_is_priced_for_both_pairs_and_not_made_up_where_not_defined(made: Path) -> None:
+    table = made / "energy.csv"
+    (literal,) = rows_of(table, ul_kb_per_j="200", prices="literal", t0="210")
+    # 210 x (60 x 11.8 J x 1.67 + 3 x 24.6 MB x 8 / 200 kb/J), and 12 x 5.6 MB x 8 / 200 kb/J down
+    assert float(literal["ml_j"]) == pytest.approx(210 * (1182.36 + 2952) + 2688, rel=1e-5)
+    (published,) = rows_of(table, ul_kb_per_j="200", prices="published", t0="210")
+    assert float(published["ml_j"]) == pytest.approx(74_004)
+    assert (published["printed_ml_j"], published["printed_total_j"]) == ("74000", "106000")
+    (undefined,) = rows_of(table, ul_kb_per_j="500", prices="published", t0="210")
+    assert undefined["total_j"] == ""
+
+
+def test_the_optimum_is_the_lowest_mean_and_may_be_no_meta_learning() -> None:
+    rows = [
+        EnergyRow(t0, Estimate(0, None, 1), Estimate(0, None, 1), Estimate(total, None, 1))
+        for t0, total in ((0, 5.0), (42, 7.0), (66, 6.0))
+    ]
+    assert optimum(rows).t0 == 0
+    assert optimum(rows, with_meta=True).t0 == 66
+
+
+def test_break_even_is_infinite_where_adaptation_saves_nothing(tmp_path: Path, scenario: Scenario) -> None:
+    facts = pair_of_arms("", 1, with_meta=30, without=20)
+    record = Record(study="paper", profile="compact", scenario=scenario, seeds=(1,), t0=0)
+    write_csv_tables(tmp_path, kind_of("paper").outputs(facts, record))
+    (found,) = rows_of(tmp_path / "breakeven.csv", ul_kb_per_j="200", prices="literal")
+    assert found["break_even_tasks"] == "inf"
+
+
+def test_the_same_facts_make_the_same_files(made: Path, paper_results: Path) -> None:
+    for path in make_tables(paper_results):
+        assert path.read_bytes() == (made / path.name).read_bytes(), path.name
+
+
+def test_a_sweep_has_a_line_a_variant_and_arm_and_a_figure_a_group(tmp_path: Path, scenario: Scenario) -> None:
+    name = "sensitivity"
+    facts = [
+        *(fact for seed in (1, 2) for fact in pair_of_arms("base", seed, 10, 20)),
+        *pair_of_arms("robots=1", 1, 10, 40),
+    ]
+    groups = {"robots": {"1": "robots=1", "2": "base", "4": "robots=4"}, "Q": {"3": "base"}}
+    record = Record(study=name, profile="compact", scenario=scenario, seeds=(1, 2), t0=42, groups=groups)
+    written = {path.name for path in write_outputs(tmp_path, kind_of(name).outputs(facts, record))}
+    assert {f"{name}.csv", f"{name}.md", f"{name}_robots.svg", f"{name}_Q.png"} <= written
+    (line,) = rows_of(tmp_path / f"{name}.csv", variant="robots=1", arm="fl")
+    # Six tasks of 40 + task rounds, 2 x 20 batches of 2.04 J and 2 x 5.6 MB at 500 kb/J a round.
+    assert (line["rounds"], line["success"], line["seeds"]) == ("261", "1", "1")
+    assert float(line["robots_j"]) == pytest.approx(261 * 40 * 2.04, rel=1e-5)
+    assert float(line["sidelink_j"]) == pytest.approx(261 * 179.2, rel=1e-5)
+    assert float(line["bits"]) == pytest.approx(261 * 89.6e6, rel=1e-5)
+
+
+def test_baselines_stand_side_by_side_with_success_rates(tmp_path: Path, scenario: Scenario) -> None:
+    isolated = Arm("isolated", "isolated", 0)
+    facts: list[Fact] = [
+        *pair_of_arms("", 1, 10, 20),
+        *(task_fact(isolated, task, 200, learned=task < 4, sidelink_bytes=0) for task in range(1, 7)),
+    ]
+    record = Record(study="baselines", profile="compact", scenario=scenario, seeds=(1,), t0=42)
+    write_outputs(tmp_path, kind_of("baselines").outputs(facts, record))
+    (found,) = rows_of(tmp_path / "baselines.csv", arm="isolated")
+    assert (found["success"], found["not_learned"], found["trials"]) == ("0.5", "3", "6")
+    assert "3 of 6" in (tmp_path / "baselines.md").read_text()
+    assert (tmp_path / "baselines.svg").exists()
+
+
+def test_similarity_sets_what_transfer_saves_against_what_paths_share(tmp_path: Path, scenario: Scenario) -> None:
+    facts = [fact for seed in (1, 2) for fact in pair_of_arms("stem=3", seed, 10, 10 * seed + 10)]
+    values = {"stem=3": {1: 0.4, 2: 0.5}}
+    record = Record(study="similarity", profile="compact", scenario=scenario, seeds=(1, 2), t0=42, values=values)
+    write_outputs(tmp_path, kind_of("similarity").outputs(facts, record))
+    # Rounds of six tasks: 60 + 21 with, 120 + 21 and 180 + 21 without.
+    gains = [(row["similarity"], float(row["gain"])) for row in rows_of(tmp_path / "gains.csv")]
+    assert gains == [("0.4", pytest.approx(141 / 81, rel=1e-5)), ("0.5", pytest.approx(201 / 81, rel=1e-5))]
+    assert (tmp_path / "similarity.png").exists()
+
+
+def test_every_study_on_the_command_line_is_there() -> None:
+    assert list(KINDS) == list(STUDIES)
+    with pytest.raises(StudyError, match="got a study called 'x', expected one of paper"):
+        kind_of("x")
+
+
+def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
+    facts = [
+        meta_fact(Arm("maml-t42", "maml", 42), uplink_bytes=1 / 3),
+        task_fact(Arm("fl", "fl", 0), 1, 9, variant="a,b", reward=None, learned=False),
+    ]
+    write_facts(tmp_path / FACTS, facts)
+    assert read_facts(tmp_path / FACTS) == facts
+
+
+def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
+    path = tmp_path / FACTS
+    write_facts(path, [task_fact(Arm("fl", "fl", 0), 1, 9)])
+    text = path.read_text()
+    path.write_text(text.replace(",9,", ",nine,"))
+    with pytest.raises(StudyError, match=r"line 2: rounds: .*got 'nine'"):
+        read_facts(path)
+    path.write_text(text + "1,2\n")
+    with pytest.raises(StudyError, match="line 3: 2 cells, expected 22"):
+        read_facts(path)
+    path.write_text("a,b\n")
+    with pytest.raises(StudyError, match="got a,b, expected the columns variant,seed"):
+        read_facts(path)
+
+
+def test_a_folder_that_is_no_study_is_told(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match=r"study\.json: cannot be read"):
+        make_tables(tmp_path)
+    (tmp_path / RECORD).write_text("{}")
+    with pytest.raises(StudyError, match="damaged at study"):
+        read_record(tmp_path)
+
+
+def test_numbers_for_readers_keep_three_digits() -> None:
+    assert estimate_text(Estimate(1234.56, 12.345, 3), 1e3) == "1.23 ± 0.0123"
+    assert estimate_text(Estimate(56.78, None, 1)) == "56.8"
+    assert estimate_text(None) == "-"
