@@ -16,6 +16,7 @@ from common.maps import Cell
 from common.payloads import MotionHeader, encode_motion
 from common.scenario import Scenario
 from common.seeding import integer, stream
+from common.settings import Starts
 
 Frame = npt.NDArray[np.uint8]
 
@@ -30,7 +31,7 @@ class Explorer:
         self._table = task_table(scenario, self._task)
         self._env = LandmarksEnv(task=self._task, scenario=scenario)
         self._evaluation = LandmarksEnv(task=self._task, scenario=scenario, camera=self._env.camera)
-        self._starts = self._start_cells(scenario.cluster(self._task))
+        self._starts = self._start_cells(scenario.cluster(self._task), scenario.learning.starts)
         self._rng = stream(scenario.seed, "explore", agent)
         self._frame: Frame | None = None
 
@@ -40,7 +41,7 @@ class Explorer:
         `cluster`: the robots that share the landmarks to start from.
         """
         seed = self._scenario.seed
-        self._starts = self._start_cells(cluster)
+        self._starts = self._start_cells(cluster, self._scenario.learning.starts)
         self._rng = stream(seed, arm, "explore", self._agent)
         self._env.reset(seed=integer(seed, arm, "environment", self._agent))
         self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
@@ -87,7 +88,7 @@ class Explorer:
         scenario, epsilon = self._scenario, self._scenario.meta.epsilon
         rng = stream(scenario.seed, "meta", "explore", self._agent, round_)
         best = table_policy(self._table, self._map, scenario.learning.discount)
-        self._starts = self._start_cells(scenario.cluster(self._task))
+        self._starts = self._start_cells(scenario.cluster(self._task), scenario.meta.starts)
         self._env.reset(seed=integer(scenario.seed, "meta", "environment", self._agent, round_))
 
         def choose(frame: Frame, cell: Cell) -> int:
@@ -129,8 +130,7 @@ class Explorer:
         frame, _ = self._env.reset(options={"start": _choose(self._starts, self._rng)})
         return self._resized(frame)
 
-    def _start_cells(self, cluster: Sequence[int]) -> Sequence[Cell]:
-        starts = self._scenario.learning.starts
+    def _start_cells(self, cluster: Sequence[int], starts: Starts) -> Sequence[Cell]:
         if starts == "entry":
             return [self._map.entry]
         if starts == "anywhere":

@@ -111,4 +111,4 @@ class Learner(Policy):
 def _optimizer(settings: LearningSettings, parameters: list[nn.Parameter]) -> torch.optim.Optimizer:
     if settings.optimizer == "sgd":
         return torch.optim.SGD(parameters, lr=settings.lr, fused=True)
-    return torch.optim.Adam(parameters, lr=settings.lr, fused=True)
+    return torch.optim.Adam(parameters, lr=settings.lr, eps=settings.adam_eps, fused=True)

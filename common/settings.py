@@ -65,6 +65,9 @@ class Network(Section):
     dense: tuple[Positive, ...] = (512,)
 
 
+Starts = Literal["area", "anywhere", "entry"]
+
+
 class Learning(Section):
     """Deep Q-learning, eq. (7), on a robot."""
 
@@ -72,15 +75,16 @@ class Learning(Section):
     double: bool = Field(True, description="double learning: argmax by the online network")
     optimizer: Literal["adam", "sgd"] = "adam"
     lr: PositiveFloat = 1e-3
+    adam_eps: PositiveFloat = Field(1e-4, description="Adam's epsilon: damps steps where gradients are small")
     grad_clip: PositiveFloat = 1.0
     batch_size: Positive = 32
     batches_per_round: Positive = Field(20, description="B_i")
     motions_per_round: Positive = Field(20, description="|E_ik|, new transitions a round")
     epsilon: Fraction = 0.1
     replay_size: Positive = 2000
-    target_polyak: float = Field(0.1, gt=0, le=1, description="target += this * (online - target) ...")
+    target_polyak: float = Field(0.03, gt=0, le=1, description="target += this * (online - target) ...")
     target_every: Positive = Field(1, description="... every so many gradient steps")
-    starts: Literal["area", "anywhere", "entry"] = Field(
+    starts: Starts = Field(
         "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"
     )
 
@@ -115,13 +119,14 @@ class Meta(Section):
     inner_steps: Positive = Field(
         1, description="SGD steps, one support batch each, before a meta-update: B^(a) / this meta-updates a round"
     )
-    support_newest: Positive = Field(40, description="support batches are drawn from so many newest motions")
+    support_newest: Positive = Field(5000, description="support batches are drawn from so many newest motions")
     batch_size: Positive = 32
-    inner_lr: PositiveFloat = Field(1.0, description="mu; gradients are clipped to learning.grad_clip before")
-    meta_lr: PositiveFloat = Field(5e-4, description="eta, of Adam")
-    target_polyak: float = Field(0.3, gt=0, le=1, description="per-task target network tracking, each round")
-    epsilon: Fraction = Field(0.3, description="of the policy that collects: table-greedy with random motions")
-    replay_size: Positive = 1000
+    inner_lr: PositiveFloat = Field(0.1, description="mu; gradients are clipped to learning.grad_clip before")
+    meta_lr: PositiveFloat = Field(1e-3, description="eta, of Adam")
+    target_polyak: float = Field(0.1, gt=0, le=1, description="per-task target network tracking, each meta-update")
+    epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
+    starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
+    replay_size: Positive = 5000
 
 
 class Energy(Section):

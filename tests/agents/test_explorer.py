@@ -26,7 +26,7 @@ def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario
         "camera": {"width": 16, "height": 12},
         "network": {"width": 8, "height": 6, "conv": [], "dense": []},
         "learning": {"motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, **learning},
-        "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0},
+        "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0, "starts": learning.get("starts", "area")},
         "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X .", "rewards": rewards}],
     }  # fmt: skip
     return scenario_from(data, "test")
