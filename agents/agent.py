@@ -11,13 +11,14 @@ import time
 from agents.centralized import follow
 from agents.exchange import Exchange
 from agents.explorer import Explorer
+from agents.metalink import MetaLink
 from agents.neighbourhood import neighbourhood_of
 from agents.sharing import sharing_of
 from common.bus import Bus
 from common.learner import Learner, Weights
 from common.metaheads import head_of, meta_shapes, start_of
 from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.payloads import ModelHeader
+from common.payloads import ModelHeader, encode_model
 from common.qnetwork import build_qnetwork, shapes_of, to_weights
 from common.rewards import RewardLedger
 from common.runlog import RoundRow
@@ -28,6 +29,7 @@ from common.seeding import integer, stream
 def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus) -> None:
     """Live the whole life of robot `agent` on a connected bus."""
     robot = Robot(scenario, agent, run, bus)
+    robot.meta.listen(scenario.arms)
     robot.exchange.join(scenario.arms)
     for index, arm in enumerate(scenario.arms):
         weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
@@ -54,17 +56,11 @@ class Robot:
         here = neighbourhood_of(scenario, agent)
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
-        network = build_qnetwork(scenario.network)
-        shapes, tasks = shapes_of(network), scenario.meta.training_tasks if scenario.meta.heads == "per_task" else ()
-        self.exchange = Exchange(
-            bus,
-            run,
-            here,
-            shapes,
-            scenario.bus.qos,
-            scenario.bus.resend_after_s,
-            meta_shapes(shapes, head_of(network), tasks),
-        )
+        network, settings = build_qnetwork(scenario.network), scenario.meta
+        shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
+        codec = scenario.federation.weights_codec
+        self.exchange = Exchange(bus, run, here, shapes, scenario.bus.qos, scenario.bus.resend_after_s, codec)
+        self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
         self._sent: dict[str, set[int]] = {}
 
     def initial_weights(self) -> Weights:
@@ -77,14 +73,14 @@ class Robot:
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
         if self.agent in self.scenario.training_agents.get(self.task, ()):
-            while rounds := self.exchange.await_rounds_due(method, sent, t0):
+            while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
                     begun = time.monotonic()
                     for payload in self.explorer.motions(round_):
-                        self.exchange.publish_motion(method, payload)
+                        self.meta.publish_motion(method, payload)
                     sent.add(round_)
                     self.exchange.report(self._row("maml", method, round_, begun))
-        return start_of(self.exchange.await_meta_model(arm), self.task)
+        return start_of(self.meta.await_model(arm), self.task)
 
     def federate(self, arm: Arm, weights: Weights) -> None:
         """Federated learning, eq. (6), until the cluster's R reaches the target."""
@@ -107,9 +103,7 @@ class Robot:
             header = ModelHeader(
                 task=self.task, agent=self.agent, round=round_, reward=running, samples=samples, rewards=ledger.newest()
             )
-            payload, headers = sharing.share(mine, header)
-
-            for theirs in headers:
+            for theirs in sharing.share(mine, header):
                 ledger.merge(theirs.rewards)
             cluster_reward = ledger.cluster_reward(round_)
             learned = cluster_reward is not None and cluster_reward >= settings.target_reward
@@ -130,7 +124,7 @@ class Robot:
             if last:
                 break
         if self.agent == min(scenario.cluster(self.task)):
-            self.exchange.hand_in(payload)
+            self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))
 
     def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:
         return RoundRow.model_validate(

@@ -16,21 +16,34 @@ def mixing_weights(samples: Mapping[int, int]) -> dict[int, float]:
     return {agent: count / total for agent, count in samples.items()}
 
 
-def default_step(neighbours: int) -> float:
-    """1/(N+1): with one neighbour the two meet half way, where the literal step 1 would swap them."""
-    return 1 / (neighbours + 1)
+def default_step(neighbours: int, share: float = 1.0) -> float:
+    """1/(N+1): with one neighbour the two meet half way, where the literal step 1 would swap them.
+
+    `share`: of the entries that a message brings. An entry is mixed 1/share times before it is heard of again;
+    at the full step the robots would go past each other by ever more.
+    """
+    return share / (neighbours + 1)
 
 
-def mix(own: Weights, others: Mapping[int, Weights], sigma: Mapping[int, float], step: float) -> Weights:
+def mix(
+    own: Weights,
+    others: Mapping[int, Weights],
+    sigma: Mapping[int, float],
+    step: float,
+    public: Weights | None = None,
+) -> Weights:
     """W_k + step * sum_h sigma_kh (W_h - W_k), all neighbours at once; float32, nothing changed in place.
 
+    With a lossy codec neighbours hold `public` of this robot, and it theirs (Koloskova et al. 2019): then
+    W_k + step * sum_h sigma_kh (public_h - public_k), which leaves W_k its own precision.
     Neighbours are added in the order of their ids, so that the sum is the same whoever came first.
     """
+    known = own if public is None else public
     return {
         name: tensor
         + np.float32(step)
         * sum(
-            (np.float32(sigma[agent]) * (others[agent][name] - tensor) for agent in sorted(others)),
+            (np.float32(sigma[agent]) * (others[agent][name] - known[name]) for agent in sorted(others)),
             start=np.zeros_like(tensor),
         )
         for name, tensor in own.items()

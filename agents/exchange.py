@@ -13,26 +13,17 @@ from collections.abc import Callable, Sequence
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import Bus, Message, Payload
+from common.codecs import FLOAT32, Shapes, Tensors, Weights, WeightsCodec
 from common.errors import PayloadError
-from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.payloads import (
-    Array,
-    ModelHeader,
-    Presence,
-    RoundRequest,
-    Shapes,
-    Weights,
-    decode_json,
-    decode_model,
-    encode_json,
-    encode_model,
-)
+from common.methods import SERVED_METHODS, Arm
+from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, read_model
 from common.reports import leave, publish_row
 from common.runlog import RoundRow
+from common.streams import WeightsDecoder, WeightsEncoder
 
 log = logging.getLogger("jouleswarm.agent")
 
-Arrived = dict[int, tuple[dict[str, Array], ModelHeader]]
+Arrived = dict[int, tuple[Weights, ModelHeader]]
 
 
 class Exchange:
@@ -46,47 +37,33 @@ class Exchange:
         shapes: Shapes,
         qos: int,
         resend_after_s: float,
-        meta_shapes: Shapes | None = None,
+        codec: WeightsCodec = FLOAT32,
     ) -> None:
-        """`meta_shapes`: of meta-models, where they hold more than the network (see common/metaheads.py)."""
         self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
-        self._meta_shapes = meta_shapes or shapes
-        self.qos, self._resend_after_s = qos, resend_after_s
+        self.qos, self._resend_after_s, self.codec = qos, resend_after_s, codec
+        self.encoder = WeightsEncoder(codec)
+        self._decoders: dict[int, WeightsDecoder] = {}
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
         self._datacenter_stage = 0
-        self._arrived: dict[int, Arrived] = {}
+        self._arrived: dict[int, dict[int, tuple[Tensors, ModelHeader]]] = {}  # decoded in the order of rounds
         self._sent: dict[int, bytes] = {}
         self.arm, self._word_topic = "", ""
         self._subscriptions: list[str] = []
-        self._wanted: dict[str, RoundRequest] = {}
-        self._again: dict[str, set[int]] = {}
-        self._meta: dict[str, dict[str, Array]] = {}
         self._gathered = 0
         self.refused = 0
         self.handlers: dict[str, Callable[[Message], None]] = {
             "weights": self._take_weights,
             "presence": self._take_presence,
             "resend": self._take_resend,
-            "collect": self._take_collect,
-            "meta": self._take_meta,
-            "round": self._take_wanted,
         }
         """What is done with a message, by the last level of its topic."""
 
     def join(self, arms: Sequence[Arm]) -> None:
-        """Listen to everything that meta-learning stages and the neighbours may say, then say hello."""
+        """Listen to where the neighbours are, then say hello."""
         here, run = self.here, self.run
         self.subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
         if any(arm.method in SERVED_METHODS for arm in arms):
             self.subscribe(topics.presence(run, 0, 0))
-        # The meta-model before the round marker: a marker that says 'finished' then proves that the
-        # meta-model went by before this robot came, and must be asked for.
-        for arm in arms:
-            if arm.method in META_METHODS:
-                models = (topics.meta_model(run, arm.name), topics.meta_model(run, arm.name, here.agent))
-                self.subscribe(*models, qos=self.qos)
-        for method in dict.fromkeys(arm.method for arm in arms if arm.method in META_METHODS):
-            self.subscribe(topics.meta_round(run, method), topics.collect_again(run, method, here.task, here.agent))
         self.announce(0)
 
     def announce(self, stage: int) -> None:
@@ -107,48 +84,13 @@ class Exchange:
             lambda: f"robots {[each for each, reached in self._stages.items() if reached < stage]} to come",
         )
 
-    def await_rounds_due(self, method: str, sent: set[int], t0: int) -> list[int]:
-        """The meta-learning rounds whose experience is to be sent now, in order; empty once the stage is over."""
-
-        def due() -> set[int]:
-            wanted = self._wanted_of(method)
-            rounds = set(range(wanted.first, min(wanted.last, t0) + 1)) - {0}
-            return (rounds - sent) | self._again.get(method, set())
-
-        self.until(
-            lambda: bool(due()) or self._wanted_of(method).first > t0,
-            lambda: "the data center to ask for experience",
-        )
-        rounds = sorted(due())
-        self._again.pop(method, None)
-        return rounds
-
-    def publish_motion(self, arm: str, payload: bytes) -> None:
-        """Send one motion's experience up."""
-        topic = topics.experience(self.run, arm, self.here.task, self.here.agent)
-        self._bus.publish(topic, payload, qos=self.qos)
-
-    def await_meta_model(self, arm: Arm) -> dict[str, Array]:
-        """The meta-model that `arm` starts from, asked for if it went by before this robot came."""
-
-        def gone_by() -> bool:
-            return self._wanted_of(arm.method).first > arm.t0
-
-        def ask() -> None:
-            if arm.name not in self._meta and gone_by():
-                request = RoundRequest(first=self.here.agent, last=self.here.agent)
-                self._bus.publish(topics.meta_resend(self.run, arm.name), encode_json(request))
-
-        self.until(lambda: arm.name in self._meta or gone_by(), lambda: "the meta-model")
-        ask()
-        self.until(lambda: arm.name in self._meta, lambda: "the meta-model", ask)
-        return self._meta.pop(arm.name)
-
     def open_arm(self, arm: Arm, here: Neighbourhood) -> None:
         """Listen to the neighbours' weights of this arm, `here` being its neighbourhood."""
         run = self.run
         self.here = here
         self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
+        self.encoder = WeightsEncoder(self.codec)
+        self._decoders = {each: self.decoder() for each in here.neighbours}
         says = {"fedavg": topics.weights_up, "centralized": topics.episode}.get(arm.method, topics.weights)
         self._word_topic = says(run, arm.name, here.task, here.agent)
         self.subscribe(*(topics.weights(run, arm.name, here.task, each) for each in here.neighbours), qos=self.qos)
@@ -156,7 +98,7 @@ class Exchange:
 
     def publish_weights(self, weights: Weights, header: ModelHeader) -> bytes:
         """Send this round's weights to the neighbours; kept for a round in case they ask again."""
-        payload = encode_model(weights, header, len(self.here.cluster))
+        payload = self.encoder.payload(weights, header, len(self.here.cluster))
         self.publish_round(header.round, payload)
         return payload
 
@@ -169,7 +111,7 @@ class Exchange:
         self._say(round_)
 
     def gather(self, round_: int) -> Arrived:
-        """The neighbours' weights of `round_`, all of them."""
+        """The neighbours' weights of `round_`, all of them, as they come out of the codec."""
         self._arrived.setdefault(round_, {})
 
         def missing() -> list[int]:
@@ -182,23 +124,28 @@ class Exchange:
 
         self.until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask)
         self._gathered = round_
-        return self._arrived.pop(round_)
+        arrived = self._arrived.pop(round_)
+        return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
 
     def report(self, row: RoundRow) -> None:
         """Telemetry: one row of the run log."""
         publish_row(self._bus, self.run, row)
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        """Send something at the scenario's QoS."""
-        self._bus.publish(topic, payload, qos=self.qos)
+    def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
+        """Send something, at the scenario's QoS unless told otherwise."""
+        self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
 
-    def decode(self, payload: Payload) -> tuple[dict[str, Array], ModelHeader]:
-        """A model of this run's shape.
+    def read(self, payload: Payload) -> tuple[Tensors, ModelHeader]:
+        """A model of this run's shape and codec, for a decoder.
 
         Raises:
             PayloadError: it is not one.
         """
-        return decode_model(payload, self._shapes)
+        return read_model(payload, self._shapes, self.codec)
+
+    def decoder(self) -> WeightsDecoder:
+        """For the models of one sender in one arm."""
+        return WeightsDecoder(self.codec, self._shapes)
 
     def hand_in(self, payload: bytes) -> None:
         """The cluster's learned weights, for the run directory."""
@@ -243,7 +190,7 @@ class Exchange:
         if topics.arm_of(message.topic) != self.arm:  # an answer to a request of the arm before, come late
             return
         agent = int(message.topic.split("/")[5])
-        weights, header = decode_model(message.payload, self._shapes)
+        tensors, header = self.read(message.payload)
         told = header.reward is not None and header.rewards.get(agent, (0, 0.0))[0] == header.round
         if (header.agent, header.task) != (agent, self.here.task) or not told or header.samples < 1:
             raise PayloadError(
@@ -252,7 +199,7 @@ class Exchange:
             )
         # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
         if self._gathered < header.round <= self._gathered + 2:
-            self._arrived.setdefault(header.round, {})[agent] = (weights, header)
+            self._arrived.setdefault(header.round, {})[agent] = (tensors, header)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
@@ -272,21 +219,6 @@ class Exchange:
         request = decode_json(message.payload, RoundRequest)
         if request.first in self._sent:
             self._say(request.first)
-
-    def _take_collect(self, message: Message) -> None:
-        request = decode_json(message.payload, RoundRequest)
-        again = self._again.setdefault(topics.arm_of(message.topic), set())
-        again |= set(range(request.first, min(request.last, request.first + 1) + 1))
-
-    def _take_meta(self, message: Message) -> None:
-        self._meta[topics.arm_of(message.topic)], _ = decode_model(message.payload, self._meta_shapes)
-
-    def _take_wanted(self, message: Message) -> None:
-        if message.payload:
-            self._wanted[topics.arm_of(message.topic)] = decode_json(message.payload, RoundRequest)
-
-    def _wanted_of(self, method: str) -> RoundRequest:
-        return self._wanted.get(method, RoundRequest(first=0, last=0))
 
     def _say(self, round_: int) -> None:
         self._bus.publish(self._word_topic, self._sent[round_], qos=self.qos)

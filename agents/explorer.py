@@ -10,10 +10,11 @@ import numpy.typing as npt
 from agents.environment import LandmarksEnv
 from agents.tasks import ACTIONS, rmse_m, start_cells, table_policy, task_table
 from common.dqn import epsilon_greedy
+from common.experience import encode_experience
 from common.frames import resize
 from common.learner import Learner, Policy
 from common.maps import Cell
-from common.payloads import MotionHeader, encode_motion
+from common.payloads import MotionHeader
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.settings import Starts
@@ -107,7 +108,7 @@ class Explorer:
 
     def _encoded(self, round_: int, choose: Callable[[Frame, Cell], int], rng: np.random.Generator) -> Iterator[bytes]:
         """A round's motions as payloads; it begins with an episode of its own."""
-        first = True
+        network, codec, first = self._scenario.network, self._scenario.meta.experience_codec, True
         for motion in range(self._scenario.learning.motions_per_round):
             if first:
                 frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
@@ -123,7 +124,7 @@ class Explorer:
                 first=first,
                 terminated=terminated,
             )
-            yield encode_motion(frame, header)
+            yield encode_experience(frame, header, codec, network.width, network.height)
             frame, first = next_frame, terminated or truncated
 
     def _start(self) -> Frame:

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from agents.exchange import Exchange
 from common import topics
 from common.bus import Message
+from common.codecs import Tensors, Weights
 from common.errors import PayloadError
-from common.payloads import Array, Episode, ModelHeader, RoundRequest, decode_json, encode_json
+from common.payloads import Episode, ModelHeader, RoundRequest, decode_json, encode_json
 
-Model = tuple[dict[str, Array], ModelHeader]
+Model = tuple[Weights, ModelHeader]
 
 
 class ServerLink:
@@ -18,7 +19,8 @@ class ServerLink:
 
     def __init__(self, exchange: Exchange) -> None:
         self._exchange = exchange
-        self._models: dict[int, Model] = {}
+        self._models: dict[int, tuple[Tensors, ModelHeader]] = {}  # not decoded: that is done in the order of rounds
+        self._decoder = exchange.decoder()
         self._episodes: dict[int, dict[int, float]] = {}
         self._motions: tuple[int, list[bytes]] = (0, [])
         here = exchange.here
@@ -53,9 +55,9 @@ class ServerLink:
             self._exchange.publish(topics.model_again(run, arm, here.task), request)
 
         self._until(lambda: round_ in self._models, f"the data center's model of round {round_}", ask)
-        model = self._models.pop(round_)
+        tensors, header = self._models.pop(round_)
         self._models = {each: kept for each, kept in self._models.items() if each > round_}
-        return model
+        return self._decoder.decode(tensors), header
 
     def publish_episode(self, episode: Episode) -> None:
         """Tell the cluster and the data center how the robot's greedy episode went."""
@@ -83,10 +85,10 @@ class ServerLink:
     def _take_model(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self._exchange.arm:
             return
-        weights, header = self._exchange.decode(message.payload)
+        tensors, header = self._exchange.read(message.payload)
         if header.task != self._exchange.here.task:
             raise PayloadError(f"model of task {header.task}, expected task {self._exchange.here.task}")
-        self._models[header.round] = (weights, header)
+        self._models[header.round] = (tensors, header)
 
     def _take_episode(self, message: Message) -> None:
         episode = decode_json(message.payload, Episode)

@@ -15,8 +15,8 @@ from common.scenario import Scenario
 class Sharing(Protocol):
     """One round: `share` says this robot's word and waits for the others', `mixed` is the model to go on from."""
 
-    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
-        """The payload that was sent, and the headers of what came in return."""
+    def share(self, weights: Weights, header: ModelHeader) -> list[ModelHeader]:
+        """Send `weights`; the headers of what came in return."""
 
     def mixed(self, weights: Weights) -> Weights:
         """The round's mixed model, from this robot's own `weights`."""
@@ -29,37 +29,49 @@ class Consensus:
         self._exchange, self._step = exchange, step
         self._arrived: Arrived = {}
 
-    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
-        payload = self._exchange.publish_weights(weights, header)
+    def share(self, weights: Weights, header: ModelHeader) -> list[ModelHeader]:
+        self._exchange.publish_weights(weights, header)
         self._arrived = self._exchange.gather(header.round)
-        return payload, [theirs for _, theirs in self._arrived.values()]
+        return [theirs for _, theirs in self._arrived.values()]
 
     def mixed(self, weights: Weights) -> Weights:
         if not self._arrived:
             return weights
         sigma = mixing_weights({each: theirs.samples for each, (_, theirs) in self._arrived.items()})
         others = {each: theirs for each, (theirs, _) in self._arrived.items()}
-        return mix(weights, others, sigma, self._step)
+        return mix(weights, others, sigma, self._step, self._exchange.encoder.public)
 
 
 class ParameterServer:
-    """Federated averaging by the data center (McMahan et al. 2017): weights up, the cluster's average down."""
+    """Federated averaging by the data center (McMahan et al. 2017): weights up, the cluster's average down.
+
+    With a lossy codec the robot keeps on top of the average what its message could not tell (error feedback, as in
+    Sattler et al. 2019), and its next message builds on the average, which everybody has.
+    """
 
     def __init__(self, link: ServerLink, exchange: Exchange) -> None:
         self._link, self._exchange = link, exchange
+        self._sent: Weights = {}
         self._average: Weights = {}
 
-    def share(self, weights: Weights, header: ModelHeader) -> tuple[bytes, list[ModelHeader]]:
-        payload = self._exchange.publish_weights(weights, header)
+    def share(self, weights: Weights, header: ModelHeader) -> list[ModelHeader]:
+        encoder = self._exchange.encoder
+        self._exchange.publish_weights(weights, header)
+        self._sent = encoder.public
         self._average, average = self._link.await_model(header.round)
-        return payload, [average]
+        encoder.rebase(self._average)
+        return [average]
 
     def mixed(self, weights: Weights) -> Weights:
-        return self._average
+        if self._exchange.codec.is_lossless:
+            return self._average
+        return {name: self._average[name] + (tensor - self._sent[name]) for name, tensor in weights.items()}
 
 
 def sharing_of(arm: Arm, exchange: Exchange, scenario: Scenario, neighbours: int) -> Sharing:
     """What the arm's method shares by."""
     if arm.method == "fedavg":
         return ParameterServer(ServerLink(exchange), exchange)
-    return Consensus(exchange, scenario.federation.step or default_step(neighbours))
+    settings = scenario.federation
+    share = settings.topk_share if settings.codec == "topk" else 1.0
+    return Consensus(exchange, settings.step or default_step(neighbours, share))

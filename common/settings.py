@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.codecs import CodecName, ExperienceCodec, WeightsCodec
+
 Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveFloat = Annotated[float, Field(gt=0)]
@@ -95,10 +97,27 @@ class Federation(Section):
     robots_per_cluster: Positive = 2
     topology: Literal["full", "ring", "random"] = "full"
     degree: Positive = Field(2, description="neighbours of each robot under the random topology")
-    step: float | None = Field(None, gt=0, le=1, description="consensus step; default 1/(N+1); 1 = literal eq. (6)")
+    step: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="consensus step; 1 = literal eq. (6); default 1/(N+1), and topk_share/(N+1) with codec topk: most "
+        "of what robots then hold of each other is old, and at larger steps they go past each other by ever more",
+    )
+    codec: CodecName = Field(
+        "float32",
+        description="of weights on every link, meta-models included: float32, float16 (values beyond 65504 clipped), "
+        "int8 (a float32 scale a tensor) or topk (the entries that changed most, 8 bytes each; first messages whole)",
+    )
+    topk_share: float = Field(0.05, gt=0, le=1, description="share of the entries in a topk message, over all tensors")
     max_rounds: Positive = 200
     target_reward: float = 50.0
     reward_window: Positive = Field(5, description="R is the mean over this many rounds")
+
+    @property
+    def weights_codec(self) -> WeightsCodec:
+        """How weights are written."""
+        return WeightsCodec(self.codec, self.topk_share)
 
 
 class Meta(Section):
@@ -127,6 +146,11 @@ class Meta(Section):
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
     replay_size: Positive = 5000
+    experience_codec: ExperienceCodec = Field(
+        "raw",
+        description="frames on the uplink, of centralized learning too: raw, png (lossless, payloads vary in size) or "
+        "resized (to the network's input, as the data center would do); what is learned is the same to the bit",
+    )
 
 
 class Energy(Section):

@@ -5,10 +5,11 @@ from __future__ import annotations
 from common.bus import Payload
 from common.errors import PayloadError
 from common.learner import Learner
-from common.payloads import ModelHeader, encode_model
+from common.payloads import ModelHeader
 from common.qnetwork import build_qnetwork, to_weights
 from common.scenario import Scenario
 from common.seeding import integer, stream
+from common.streams import WeightsEncoder
 from datacenter.cluster_desk import Turn
 from datacenter.motions import Motion, read_motion, remember
 
@@ -24,6 +25,7 @@ class CentralLearner:
         self._scenario = scenario
         self.per_robot = scenario.learning.motions_per_round
         self._learners = {task: self._learner(task) for task in scenario.clusters}
+        self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
         """One motion of a robot.
@@ -46,7 +48,7 @@ class CentralLearner:
             remember(learner.replay, motions)
         gradients = learner.learn(self._scenario.learning.batches_per_round * len(turn.arrived))
         header = ModelHeader(task=turn.task, agent=0, round=turn.round)
-        return encode_model(learner.weights(), header), gradients
+        return self._encoders[turn.task].payload(learner.weights(), header), gradients
 
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario

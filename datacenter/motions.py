@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from common.bus import Payload
-from common.frames import resize
-from common.payloads import MotionHeader, decode_motion
+from common.experience import decode_experience
+from common.payloads import MotionHeader
 from common.replay import Replay
 from common.scenario import Scenario
 
@@ -28,11 +28,12 @@ def read_motion(payload: Payload, scenario: Scenario) -> Motion:
     """A motion from the uplink.
 
     Raises:
-        PayloadError: it is none of this scenario's frame size.
+        PayloadError: it is none of this scenario's frame size and codec.
     """
     camera, network = scenario.camera, scenario.network
-    frame, header = decode_motion(payload, camera.height, camera.width)
-    return Motion(resize(frame, network.width, network.height), header, len(payload))
+    codec, sizes = scenario.meta.experience_codec, ((camera.width, camera.height), (network.width, network.height))
+    frame, header = decode_experience(payload, codec, *sizes)
+    return Motion(frame, header, len(payload))
 
 
 def remember(replay: Replay, motions: Sequence[Motion]) -> None:

@@ -13,6 +13,7 @@ from common.payloads import ModelHeader, encode_model
 from common.reports import leave, publish_row
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, RoundMotions
 from datacenter.collector import Collector
@@ -55,11 +56,12 @@ def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoin
                 learner.remember(task, each)
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
-            payload = encode_model(learner.weights(), ModelHeader(task=0, agent=0, round=round_))
-            bus.publish(topics.snapshot(run, method, round_), payload)
+            weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
+            bus.publish(topics.snapshot(run, method, round_), encode_model(weights, header))
             if round_ in arms:
-                models[round_] = payload
-                checkpoint.keep_model(round_, payload)
+                # Robots have nothing yet that it could build on: an encoder of its own for each.
+                models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
+                checkpoint.keep_model(round_, models[round_])
         checkpoint.save(round_, learner, motions)
         _report(bus, run, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
 

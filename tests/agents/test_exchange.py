@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agents.exchange import Exchange
+from agents.metalink import MetaLink
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
@@ -57,6 +58,8 @@ class Table:
         self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, resend_after_s)
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
+        self.meta = MetaLink(self.exchange, SHAPES)
+        self.meta.listen([Arm(ARM, ARM, 3)])
         self.exchange.join([Arm(ARM, ARM, 3)])
         self.exchange.open_arm(Arm(ARM, ARM, 3), here)
 
@@ -309,11 +312,11 @@ def want(table: Table, first: int, last: int) -> None:
 def test_wanted_rounds_are_due_once_and_in_order_until_the_stage_is_over() -> None:
     table = Table()
     want(table, 1, 2)
-    assert table.exchange.await_rounds_due(ARM, set(), t0=3) == [1, 2]
+    assert table.meta.await_rounds_due(ARM, set(), t0=3) == [1, 2]
     want(table, 2, 3)
-    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=3) == [3]
+    assert table.meta.await_rounds_due(ARM, {1, 2}, t0=3) == [3]
     want(table, 4, 4)
-    assert table.exchange.await_rounds_due(ARM, {1, 2, 3}, t0=3) == []
+    assert table.meta.await_rounds_due(ARM, {1, 2, 3}, t0=3) == []
 
 
 def test_a_round_asked_for_again_is_due_again() -> None:
@@ -321,13 +324,13 @@ def test_a_round_asked_for_again_is_due_again() -> None:
     want(table, 1, 2)
     table.others.publish(topics.collect_again(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=1, last=1)))
     ears = table.listen(topics.meta_resend(RUN, ARM))
-    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=2) == [1]
+    assert table.meta.await_rounds_due(ARM, {1, 2}, t0=2) == [1]
     want(table, 3, 3)
-    assert table.exchange.await_rounds_due(ARM, {1, 2}, t0=2) == []  # once is enough
+    assert table.meta.await_rounds_due(ARM, {1, 2}, t0=2) == []  # once is enough
     assert ears.receive(0.001) is None
 
 
-def meta(round_: int = 3) -> bytes:
+def meta_payload(round_: int = 3) -> bytes:
     return encode_model({"w": np.full(2, 5, np.float32)}, ModelHeader(task=0, agent=0, round=round_))
 
 
@@ -335,9 +338,9 @@ def test_the_meta_model_is_taken_from_the_downlink_without_asking() -> None:
     table = Table()
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 1, 2)
-    table.others.publish(topics.meta_model(RUN, ARM), meta())
+    table.others.publish(topics.meta_model(RUN, ARM), meta_payload())
     want(table, 4, 4)
-    assert table.exchange.await_meta_model(Arm(ARM, ARM, 3))["w"].tolist() == [5.0, 5.0]
+    assert table.meta.await_model(Arm(ARM, ARM, 3))["w"].tolist() == [5.0, 5.0]
     assert ears.receive(0.001) is None
 
 
@@ -345,9 +348,9 @@ def test_a_meta_model_that_went_by_is_asked_for() -> None:
     table = Table()
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)  # the stage is over, and the meta-model was sent before this robot came
-    waiting = Running(lambda: table.exchange.await_meta_model(Arm(ARM, ARM, 3)))
+    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3)))
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
-    table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
+    table.others.publish(topics.meta_model(RUN, ARM, ME), meta_payload())
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
 
 
@@ -355,10 +358,10 @@ def test_a_meta_model_that_was_lost_is_asked_for_until_it_comes() -> None:
     table = Table(IMPATIENT_S)
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)
-    waiting = Running(lambda: table.exchange.await_meta_model(Arm(ARM, ARM, 3)))
+    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3)))
     for _ in range(3):
         assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
-    table.others.publish(topics.meta_model(RUN, ARM, ME), meta())
+    table.others.publish(topics.meta_model(RUN, ARM, ME), meta_payload())
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
 
 

@@ -1,0 +1,59 @@
+"""A sender's models, one after the other, as receivers come to hold them: the state behind `common.codecs`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from common.codecs import Array, Shapes, Tensors, Weights, WeightsCodec, decode, encode
+from common.payloads import ModelHeader, encode_model
+
+
+class WeightsEncoder:
+    """One sender's side, for one arm."""
+
+    def __init__(self, codec: WeightsCodec) -> None:
+        self.codec = codec
+        self._public: Weights | None = None
+
+    @property
+    def public(self) -> Weights:
+        """The model that every receiver holds once it has what was encoded last: the sender's public copy."""
+        assert self._public is not None, "nothing has been encoded"
+        return self._public
+
+    def encode(self, weights: Weights) -> Tensors:
+        """Tensors for the wire; whole the first time."""
+        shapes = {name: tensor.shape for name, tensor in weights.items()}
+        tensors = encode(self.codec, weights, self._public)
+        self._public = decode(self.codec, tensors, shapes, self._public)
+        return tensors
+
+    def payload(self, weights: Weights, header: ModelHeader, robots: int = 0) -> bytes:
+        """The next message, with the codec in its header; as long as with the rewards of `robots` robots."""
+        lossy = None if self.codec.name == "float32" else self.codec.name
+        return encode_model(self.encode(weights), header.model_copy(update={"codec": lossy}), robots)
+
+    def rebase(self, public: Weights) -> None:
+        """Receivers hold this model now, known to them from elsewhere; the next message builds on it."""
+        self._public = public
+
+
+class WeightsDecoder:
+    """One receiver's side of one sender's messages of one arm. Each must be decoded once, in the order of rounds."""
+
+    def __init__(self, codec: WeightsCodec, shapes: Shapes) -> None:
+        self._codec, self._shapes = codec, shapes
+        self._public: Weights | None = None
+
+    def decode(self, tensors: Mapping[str, Array]) -> Weights:
+        """The sender's public copy after checked tensors of `common.payloads.read_model`.
+
+        Raises:
+            PayloadError: differences to a model that never came.
+        """
+        self._public = decode(self._codec, tensors, self._shapes, self._public)
+        return self._public
+
+    def rebase(self, public: Weights) -> None:
+        """See `WeightsEncoder.rebase`."""
+        self._public = public
