@@ -26,7 +26,7 @@ class ServerLink:
         here = exchange.here
         run, arm, task = exchange.run, exchange.arm, here.task
         self._experience_topic = topics.experience(run, arm, task, here.agent)
-        self._collect_otherwise = exchange.handlers["collect"]
+        self._collect_otherwise = exchange.handlers.get("collect", lambda message: None)
         exchange.handlers |= {"model": self._take_model, "episode": self._take_episode, "collect": self._take_collect}
         exchange.subscribe(topics.cluster_model(run, arm, task), qos=exchange.qos)
 

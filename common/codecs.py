@@ -120,7 +120,7 @@ def check(tensors: Mapping[str, Array], shapes: Shapes) -> None:
             raise PayloadError(f"{name} is {total}, expected 0 or more")
     if is_difference(tensors):
         indices, entries = tensors[INDICES], _entries(shapes)
-        if indices[0] < 0 or indices[-1] >= entries or (np.diff(indices) <= 0).any():
+        if indices[0] < 0 or indices[-1] >= entries or (indices[1:] <= indices[:-1]).any():
             raise PayloadError(f"{INDICES} are not ascending from 0 to {entries - 1}")
 
 

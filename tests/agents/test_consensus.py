@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.consensus import default_step, mix, mixing_weights
+from common.codecs import CodecName, WeightsCodec
+from common.streams import WeightsEncoder
 
 Model = dict[str, npt.NDArray[np.float32]]
 
@@ -29,6 +31,7 @@ def test_mixing_weights_sum_to_1(samples: dict[int, int]) -> None:
 
 def test_the_default_step_is_one_over_the_closed_neighbourhood() -> None:
     assert [default_step(neighbours) for neighbours in (0, 1, 3)] == [1.0, 0.5, 0.25]
+    assert default_step(1, share=0.05) == 0.025  # of the entries, a twentieth is heard of in each round
 
 
 def test_the_literal_step_makes_two_robots_swap_their_models() -> None:
@@ -46,6 +49,47 @@ def test_a_half_step_makes_two_robots_meet_half_way() -> None:
 def test_three_robots_mix_all_neighbours_at_once() -> None:
     # 4 + 1/2 x (1/4 x (8 - 4) + 3/4 x (0 - 4)) = 4 + 1/2 x (1 - 3) = 3
     assert mix(model(4.0), {2: model(8.0), 3: model(0.0)}, {2: 0.25, 3: 0.75}, 0.5)["w"].tolist() == [3.0]
+
+
+def test_neighbours_are_mixed_against_what_they_hold_of_this_robot() -> None:
+    # 4 + 1/2 x (1/4 x (8 - 5) + 3/4 x (0 - 5)) = 4 + 1/2 x (3/4 - 15/4) = 2.5
+    mixed = mix(model(4.0), {2: model(8.0), 3: model(0.0)}, {2: 0.25, 3: 0.75}, 0.5, public=model(5.0))
+    assert mixed["w"].tolist() == [2.5]
+
+
+def test_a_robot_keeps_the_precision_that_its_message_had_not() -> None:
+    # both say 1.0, and mean 1.0 and a little more or less
+    little = np.float32(2.0**-23)
+    assert mix(model(1.0 + little), {2: model(1.0)}, {2: 1.0}, 0.5, public=model(1.0))["w"].tolist() == [1.0 + little]
+
+
+@pytest.mark.parametrize("codec", ["float16", "int8", "topk"])
+def test_two_robots_that_mix_by_a_lossy_codec_come_together_at_their_mean(codec: CodecName) -> None:
+    share = 0.05 if codec == "topk" else 1.0
+    distance, centre = distances(WeightsCodec(codec, 0.05), default_step(1, share), rounds=400)
+    # steps of 1/127 of the largest weight, about 3, are not told apart; float16 and topk tell smaller ones
+    assert distance[-1] < (3 / 127 if codec == "int8" else 1e-3 * distance[0])
+    assert centre < 1e-5
+
+
+def test_with_few_entries_a_message_the_full_step_drives_robots_apart() -> None:
+    distance, _ = distances(WeightsCodec("topk", 0.05), default_step(1), rounds=100)
+    assert distance[-1] > 100 * distance[0]
+
+
+def distances(codec: WeightsCodec, step: float, rounds: int) -> tuple[list[float], float]:
+    """How far two robots that learn nothing are apart after each round, and how far their mean has moved."""
+    rng = np.random.default_rng(1)
+    models = [{"w": rng.normal(size=200).astype(np.float32)} for _ in range(2)]
+    centre = (models[0]["w"] + models[1]["w"]) / 2
+    encoders, apart = [WeightsEncoder(codec), WeightsEncoder(codec)], []
+    for _ in range(rounds):
+        apart.append(float(np.abs(models[0]["w"] - models[1]["w"]).max()))
+        for encoder, own in zip(encoders, models, strict=True):
+            encoder.encode(own)
+        public = [encoder.public for encoder in encoders]
+        models = [mix(models[k], {1 - k: public[1 - k]}, {1 - k: 1.0}, step, public[k]) for k in (0, 1)]
+    return apart, float(np.abs((models[0]["w"] + models[1]["w"]) / 2 - centre).max())
 
 
 def test_without_neighbours_the_model_stays() -> None:

@@ -1,0 +1,240 @@
+"""Lossy codecs at a robot's side of the protocol: order, duplicates, requests; and federated averaging end to end."""
+
+import itertools
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.exchange import Exchange
+from agents.metalink import MetaLink
+from agents.neighbourhood import Neighbourhood
+from agents.served import ServerLink
+from agents.sharing import ParameterServer as ServedSharing
+from common import topics
+from common.bus import MemoryBus, MemoryHub, Message
+from common.codecs import FLOAT32, CodecName, Weights, WeightsCodec
+from common.methods import Arm
+from common.payloads import ModelHeader, RoundRequest, encode_json
+from common.qnetwork import build_qnetwork, to_weights
+from common.scenario import Scenario, scenario_from
+from common.streams import WeightsEncoder
+from datacenter.cluster_desk import Turn
+from datacenter.parameter_server import ParameterServer
+
+RUN, ARM, TASK, ME = "r", "fl", 1, 1
+SHAPES = {"w": (4,)}
+PATIENT_S, DEADLINE_S = 60.0, 20.0
+HALF_OF_THEM = WeightsCodec("topk", 0.5)  # 2 of 4 entries
+
+
+def header(agent: int, round_: int, **fields: Any) -> ModelHeader:
+    return ModelHeader(
+        task=TASK, agent=agent, round=round_, reward=1.0, samples=20, rewards={agent: (round_, 1.0)}, **fields
+    )
+
+
+def vector(*values: float) -> Weights:
+    return {"w": np.array(values, np.float32)}
+
+
+class Pair:
+    """Robot 1 of two, and the hand of the other."""
+
+    def __init__(self, codec: WeightsCodec = HALF_OF_THEM) -> None:
+        self.hub = MemoryHub()
+        here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
+        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S, codec)
+        self.meta = MetaLink(self.exchange)
+        self.other = self.hub.connect("other")
+        self.open("fl")
+
+    def open(self, arm: str) -> None:
+        self.exchange.open_arm(Arm(arm, "fl", 0), self.exchange.here)
+        self.theirs = WeightsEncoder(self.exchange.codec)
+
+    def send(self, payload: bytes, arm: str = ARM) -> None:
+        self.other.publish(topics.weights(RUN, arm, TASK, 2), payload)
+
+    def got(self, round_: int) -> list[float]:
+        weights, _ = self.exchange.gather(round_)[2]
+        return [float(value) for value in weights["w"]]
+
+
+def heard(bus: MemoryBus) -> Message:
+    message = bus.receive(DEADLINE_S)
+    assert message is not None, "nothing was said"
+    return message
+
+
+def test_differences_are_applied_in_the_order_of_rounds_whatever_the_order_of_arrival() -> None:
+    pair = Pair()
+    first = pair.theirs.payload(vector(1, 1, 1, 1), header(2, 1))
+    second = pair.theirs.payload(vector(5, 4, 1, 1), header(2, 2))
+    third = pair.theirs.payload(vector(5, 4, 9, 8), header(2, 3))
+    pair.send(second)  # the first was lost, and comes when it is asked for
+    pair.send(first)
+    assert pair.got(1) == [1, 1, 1, 1]
+    pair.send(third)
+    assert pair.got(2) == [5, 4, 1, 1]
+    assert pair.got(3) == [5, 4, 9, 8]
+    assert pair.exchange.refused == 0
+
+
+def test_a_message_that_comes_twice_is_applied_once() -> None:
+    pair = Pair()
+    payloads = [
+        pair.theirs.payload(vector(*values), header(2, round_))
+        for round_, values in enumerate([(1, 1, 1, 1), (5, 4, 1, 1), (0, 0, 1, 1)], 1)
+    ]
+    for round_, payload in enumerate(payloads, 1):
+        pair.send(payload)
+        pair.send(payload)
+        assert pair.got(round_) == [[1, 1, 1, 1], [5, 4, 1, 1], [0, 0, 1, 1]][round_ - 1]
+        pair.send(payload)
+    assert pair.exchange.refused == 0
+
+
+def test_a_round_asked_for_again_is_the_same_bytes_and_leaves_the_state_alone() -> None:
+    pair = Pair()
+    ears = pair.hub.connect("ears")
+    ears.subscribe(topics.weights(RUN, ARM, TASK, ME))
+    sent = [
+        pair.exchange.publish_weights(vector(*values), header(ME, round_))
+        for round_, values in enumerate([(1, 2, 3, 4), (9, 9, 3, 4)], 1)
+    ]
+    assert [heard(ears).payload for _ in sent] == sent
+    pair.other.publish(topics.resend(RUN, ARM, TASK, ME), encode_json(RoundRequest(first=2, last=2)))
+    pair.send(pair.theirs.payload(vector(0, 0, 0, 0), header(2, 1)))
+    pair.exchange.gather(1)
+    assert heard(ears).payload == sent[1]
+    assert pair.exchange.encoder.public["w"].tolist() == [9, 9, 3, 4]
+
+
+def test_an_arm_begins_with_a_whole_model_again() -> None:
+    pair = Pair()
+    for round_ in (1, 2):
+        pair.send(pair.theirs.payload(vector(round_, 0, 0, 0), header(2, round_)))
+        pair.exchange.publish_weights(vector(round_, 0, 0, 0), header(ME, round_))
+        pair.got(round_)
+    pair.open("fl-t1")
+    ears = pair.hub.connect("ears")
+    ears.subscribe(topics.weights(RUN, "fl-t1", TASK, ME))
+    pair.exchange.publish_weights(vector(7, 7, 7, 7), header(ME, 1))
+    tensors, _ = pair.exchange.read(heard(ears).payload)
+    assert tensors["w"].tolist() == [7, 7, 7, 7]
+    pair.send(pair.theirs.payload(vector(8, 8, 8, 8), header(2, 1)), "fl-t1")
+    assert pair.got(1) == [8, 8, 8, 8]
+
+
+NAMES: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")
+
+
+@pytest.mark.parametrize(("got", "expected"), list(itertools.permutations(NAMES, 2)))
+def test_weights_and_meta_models_of_another_codec_are_refused_counted_and_waited_past(
+    got: CodecName, expected: CodecName
+) -> None:
+    pair = Pair(WeightsCodec(expected))
+    pair.meta.listen([Arm("maml", "maml", 3)])
+    wrong = WeightsEncoder(WeightsCodec(got))
+    pair.send(wrong.payload(vector(9, 9, 9, 9), header(2, 1)))
+    pair.other.publish(topics.meta_model(RUN, "maml"), wrong.payload(vector(9, 9, 9, 9), header(2, 3)))
+    right = WeightsEncoder(WeightsCodec(expected))
+    pair.other.publish(topics.meta_model(RUN, "maml"), right.payload(vector(0, 127, 0, -127), header(2, 3)))
+    pair.send(pair.theirs.payload(vector(0, 127, 0, -127), header(2, 1)))  # exact in every codec
+    assert pair.meta.await_model(Arm("maml", "maml", 3))["w"].tolist() == [0, 127, 0, -127]
+    assert pair.got(1) == [0, 127, 0, -127]
+    assert pair.exchange.refused == 2
+
+
+def test_a_meta_model_of_differences_is_refused() -> None:
+    pair = Pair()
+    pair.meta.listen([Arm("maml", "maml", 3)])
+    payloads = [pair.theirs.payload(vector(1, 2, 3, 4), header(2, 3)) for _ in range(2)]
+    pair.other.publish(topics.meta_model(RUN, "maml"), payloads[1])
+    pair.other.publish(topics.meta_model(RUN, "maml"), payloads[0])
+    assert pair.meta.await_model(Arm("maml", "maml", 3))["w"].tolist() == [1, 2, 3, 4]
+    assert pair.exchange.refused == 1
+
+
+ROUNDS = 30
+
+
+class Averaging:
+    """Two robots that learn nothing but once, by `bump`, and the real parameter server between them."""
+
+    def __init__(self, codec: WeightsCodec) -> None:
+        self.scenario = _scenario(codec)
+        self.server, self.hub = ParameterServer(self.scenario), MemoryHub()
+        self.bus = self.hub.connect("datacenter")
+        self.bus.subscribe(*(topics.weights_up(RUN, "fedavg", TASK, agent) for agent in (1, 2)))
+        self.ends: dict[int, Weights] = {}
+
+    def run(self, starts: dict[int, Weights], bump: Callable[[int, int, Weights], Weights]) -> None:
+        threads = [
+            threading.Thread(target=self._robot, args=(agent, start, bump), daemon=True)
+            for agent, start in starts.items()
+        ]
+        for thread in threads:
+            thread.start()
+        for round_ in range(1, ROUNDS + 1):
+            arrived: dict[int, list[Any]] = {}
+            while len(arrived) < 2:
+                message = heard(self.bus)
+                agent = int(message.topic.split("/")[5])
+                got_round, _, content = self.server.read(message.payload, TASK, agent)
+                assert got_round == round_
+                arrived[agent] = [content]
+            payload, _ = self.server.model(Turn(TASK, round_, arrived))
+            self.bus.publish(topics.cluster_model(RUN, "fedavg", TASK), payload)
+        for thread in threads:
+            thread.join(DEADLINE_S)
+        assert set(self.ends) == {1, 2}
+
+    def _robot(self, agent: int, weights: Weights, bump: Callable[[int, int, Weights], Weights]) -> None:
+        here = Neighbourhood(agent=agent, task=TASK, cluster=(1, 2), neighbours=(), diameter=1)
+        shapes = {name: tensor.shape for name, tensor in weights.items()}
+        bus, codec = self.hub.connect(f"agent-{agent}"), self.scenario.federation.weights_codec
+        exchange = Exchange(bus, RUN, here, shapes, 1, PATIENT_S, codec)
+        exchange.open_arm(Arm("fedavg", "fedavg", 0), here)
+        sharing = ServedSharing(ServerLink(exchange), exchange)
+        for round_ in range(1, ROUNDS + 1):
+            weights = bump(agent, round_, weights)
+            sharing.share(weights, header(agent, round_))
+            weights = sharing.mixed(weights)
+        self.ends[agent] = weights
+
+
+def _scenario(codec: WeightsCodec) -> Scenario:
+    return scenario_from(
+        {
+            "name": "t", "world": {"rows": 4, "cols": 3}, "methods": ["fedavg"],
+            "network": {"width": 8, "height": 6, "conv": [[4, 3, 1]], "dense": [8]},
+            "federation": {"codec": codec.name, "topk_share": codec.topk_share},
+            "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X ."}],
+        },
+        "test",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("codec", [FLOAT32, WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.2)])
+def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: WeightsCodec) -> None:
+    averaging = Averaging(codec)
+    starts = {agent: to_weights(build_qnetwork(averaging.scenario.network, agent)) for agent in (1, 2)}
+    rng = np.random.default_rng(1)
+    moved = {name: rng.normal(size=tensor.shape).astype(np.float32) for name, tensor in starts[1].items()}
+
+    def bump(agent: int, round_: int, weights: Weights) -> Weights:
+        if (agent, round_) != (1, 3):
+            return weights
+        return {name: tensor + moved[name] for name, tensor in weights.items()}
+
+    averaging.run(starts, bump)
+    for name in moved:
+        # the mean of both starts, and half of what one of the two has learned in round 3
+        expected = (starts[1][name] + starts[2][name]) / 2 + moved[name] / 2
+        coarse = {"float32": 1e-6, "float16": 2e-3, "int8": 3e-2, "topk": 1e-5}[codec.name]
+        for end in averaging.ends.values():
+            np.testing.assert_allclose(end[name], expected, rtol=0, atol=coarse)
