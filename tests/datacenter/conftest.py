@@ -29,7 +29,7 @@ def _scenario(**sections: Any) -> Scenario:
         "tasks": [{"id": task, "map": ". E . \n . * . \n . * . \n . X ."} for task in (1, 2, 3)],
     }  # fmt: skip
     for name, values in sections.items():
-        base[name] = {**base[name], **values} if isinstance(values, dict) else values
+        base[name] = {**base.get(name, {}), **values} if isinstance(values, dict) else values
     return scenario_from(base, "test")
 
 
