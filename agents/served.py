@@ -26,7 +26,7 @@ class ServerLink:
         here = exchange.here
         run, arm, task = exchange.run, exchange.arm, here.task
         self._experience_topic = topics.experience(run, arm, task, here.agent)
-        self._collect_otherwise = exchange.handlers.get("collect", lambda message: None)
+        self._collect_otherwise = exchange.handlers.get("collect")
         exchange.handlers |= {"model": self._take_model, "episode": self._take_episode, "collect": self._take_collect}
         exchange.subscribe(topics.cluster_model(run, arm, task), qos=exchange.qos)
 
@@ -99,7 +99,8 @@ class ServerLink:
 
     def _take_collect(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self._exchange.arm:  # another arm's data center asks
-            self._collect_otherwise(message)
+            if self._collect_otherwise is not None:
+                self._collect_otherwise(message)
         elif decode_json(message.payload, RoundRequest).first == self._motions[0]:
             for payload in self._motions[1]:
                 self._exchange.publish(self._experience_topic, payload)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.in_memory import Outcome, run_in_memory
-from common.codecs import ExperienceCodec, WeightsCodec, experience_bytes, weights_bytes
+from common.codecs import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
+from common.metaheads import head_of, meta_shapes
 from common.meter import MeterRow
 from common.payloads import ModelHeader, MotionHeader, check_model, decode_model, encode_motion
 from common.qnetwork import build_qnetwork, shapes_of, to_weights
@@ -28,22 +29,29 @@ def small(*overrides: str) -> Scenario:
     return load_scenario(TOY, [*SMALL, *overrides])
 
 
-def entries(scenario: Scenario) -> list[int]:
-    return [tensor.size for tensor in to_weights(build_qnetwork(scenario.network)).values()]
+def network(scenario: Scenario) -> Weights:
+    return to_weights(build_qnetwork(scenario.network))
 
 
-def header_bytes(codec: WeightsCodec, scenario: Scenario, robots: int) -> tuple[int, int]:
+def meta_model(scenario: Scenario) -> Weights:
+    """The network and a last layer for the training task."""
+    head = head_of(build_qnetwork(scenario.network))
+    shapes = meta_shapes(shapes_of(build_qnetwork(scenario.network)), head, scenario.meta.training_tasks)
+    return {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
+
+
+def header_bytes(codec: WeightsCodec, model: Weights, robots: int) -> tuple[int, int]:
     """What a message has besides its tensors, the first one and a later one."""
-    encoder, model = WeightsEncoder(codec), to_weights(build_qnetwork(scenario.network))
+    encoder = WeightsEncoder(codec)
     header = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=1)
     first, later = (encoder.payload(model, header, robots) for _ in range(2))
     return len(first) - tensor_bytes(first), len(later) - tensor_bytes(later)
 
 
-def expected(scenario: Scenario, robots: int, first: int, later: int) -> tuple[int, int]:
+def expected(codec: WeightsCodec, model: Weights, robots: int, first: int, later: int) -> tuple[int, int]:
     """(messages, payload bytes) of so many first and later weights messages."""
-    codec, sizes = scenario.federation.weights_codec, entries(scenario)
-    headers = header_bytes(codec, scenario, robots)
+    sizes = [tensor.size for tensor in model.values()]
+    headers = header_bytes(codec, model, robots)
     first_bytes = weights_bytes(codec, sizes, whole=True) + headers[0]
     later_bytes = weights_bytes(codec, sizes) + headers[1]
     return first + later, first * first_bytes + later * later_bytes
@@ -65,13 +73,15 @@ def _is(row: MeterRow, arm: str, link: str, word: str) -> bool:
 def test_every_method_completes_and_moves_the_expected_bytes(codec: str) -> None:
     scenario = small(f"federation.codec='{codec}'", "methods=['maml','fl','fedavg','centralized']")
     outcome = run_in_memory(scenario)
+    lossy = scenario.federation.weights_codec
+    model, meta = (lossy, network(scenario)), (lossy, meta_model(scenario))
     # 2 clusters of 2 robots: 4 directed sidelinks, 4 robots that send up and receive
     for arm in ("maml", "fl"):
-        assert delivered(outcome, arm, "sl", "weights") == expected(scenario, 2, 4, 4 * (ROUNDS - 1))
-    assert delivered(outcome, "maml", "dl", "meta") == expected(scenario, 0, 4, 0)
-    assert delivered(outcome, "fedavg", "ul", "weights") == expected(scenario, 2, 4, 4 * (ROUNDS - 1))
-    assert delivered(outcome, "fedavg", "dl", "model") == expected(scenario, 2, 4, 4 * (ROUNDS - 1))
-    assert delivered(outcome, "centralized", "dl", "model") == expected(scenario, 0, 4, 4 * (ROUNDS - 1))
+        assert delivered(outcome, arm, "sl", "weights") == expected(*model, 2, 4, 4 * (ROUNDS - 1))
+    assert delivered(outcome, "maml", "dl", "meta") == expected(*meta, 0, 4, 0)
+    assert delivered(outcome, "fedavg", "ul", "weights") == expected(*model, 2, 4, 4 * (ROUNDS - 1))
+    assert delivered(outcome, "fedavg", "dl", "model") == expected(*model, 2, 4, 4 * (ROUNDS - 1))
+    assert delivered(outcome, "centralized", "dl", "model") == expected(*model, 0, 4, 4 * (ROUNDS - 1))
     assert {row.refused for row in outcome.rows} == {0}
 
 
@@ -79,12 +89,11 @@ def test_every_method_completes_and_moves_the_expected_bytes(codec: str) -> None
 def test_learned_models_and_snapshots_are_whole_float32_files_whatever_the_codec(codec: str) -> None:
     scenario = small(f"federation.codec='{codec}'", "methods=['maml','fedavg','centralized']")
     outcome = run_in_memory(scenario)
-    shapes = shapes_of(build_qnetwork(scenario.network))
-    payloads = [*outcome.learned.values(), *outcome.snapshots.values()]
-    assert len(payloads) == 7
-    for payload in payloads:
-        assert check_model(payload).codec is None
-        decode_model(payload, shapes)
+    assert (len(outcome.learned), len(outcome.snapshots)) == (6, 1)
+    for payloads, model in ((outcome.learned, network(scenario)), (outcome.snapshots, meta_model(scenario))):
+        for payload in payloads.values():
+            assert check_model(payload).codec is None
+            decode_model(payload, {name: tensor.shape for name, tensor in model.items()})
 
 
 @pytest.mark.parametrize("codec", CODECS[1:])

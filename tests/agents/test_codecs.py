@@ -47,7 +47,7 @@ class Pair:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
         self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S, codec)
-        self.meta = MetaLink(self.exchange)
+        self.meta = MetaLink(self.exchange, SHAPES)
         self.other = self.hub.connect("other")
         self.open("fl")
 
