@@ -140,7 +140,7 @@ class Meta(Section):
     )
     support_newest: Positive = Field(5000, description="support batches are drawn from so many newest motions")
     batch_size: Positive = 32
-    inner_lr: PositiveFloat = Field(0.1, description="mu; gradients are clipped to learning.grad_clip before")
+    inner_lr: PositiveFloat = Field(0.03, description="mu; gradients are clipped to learning.grad_clip before")
     meta_lr: PositiveFloat = Field(1e-3, description="eta, of Adam")
     target_polyak: float = Field(0.1, gt=0, le=1, description="per-task target network tracking, each meta-update")
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
