@@ -39,6 +39,13 @@ class RoundSizes:
     robot_batches: int  # B_i
     experience_bytes: float  # b(E_ik)
     weights_bytes: float  # b(W)
+    first_weights_bytes: float | None = None  # of an arm's first round, where a codec needs a base; None: as all others
+    meta_model_bytes: float | None = None  # what goes down after meta-learning; None: b(W)
+
+    @property
+    def base_bytes(self) -> float:
+        """What an arm's first weights message has more than the others."""
+        return 0.0 if self.first_weights_bytes is None else self.first_weights_bytes - self.weights_bytes
 
 
 TABLE_I = RoundSizes(
@@ -130,12 +137,13 @@ def closed_form(
         gradients_support=t0 * training_robots * sizes.support_batches,
         gradients_query=t0 * training_robots * sizes.query_batches,
         uplink_bytes=t0 * training_robots * sizes.experience_bytes,
-        downlink_bytes=robots * sizes.weights_bytes if t0 > 0 else 0,
+        downlink_bytes=robots * (sizes.meta_model_bytes or sizes.weights_bytes) if t0 > 0 else 0,
     )
+    begun = [cluster for cluster in clusters if cluster.rounds and cluster.links]
     tasks = Counts(
         gradients_robots=robot_rounds * sizes.robot_batches,
-        sidelink_bytes=sum(cluster.rounds * cluster.links for cluster in clusters) * sizes.weights_bytes,
-        sidelink_sent_bytes=sum(c.rounds * c.robots for c in clusters if c.links) * sizes.weights_bytes,
+        sidelink_bytes=sum(c.links * (c.rounds * sizes.weights_bytes + sizes.base_bytes) for c in begun),
+        sidelink_sent_bytes=sum(c.robots * (c.rounds * sizes.weights_bytes + sizes.base_bytes) for c in begun),
     )
     return StageCounts(meta, tasks)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
+from common.codecs import experience_bytes, weights_bytes
 from common.energy import ClusterRounds, Counts, RoundSizes, StageCounts, closed_form, directed_links
 from common.methods import META_METHODS
 from common.scenario import Scenario
@@ -11,18 +13,24 @@ from common.settings import Network
 
 _CHANNELS = 4  # a frame is RGB and depth, uint8
 _ACTIONS = 4
-_FLOAT32_BYTES = 4
 
 
 def scenario_sizes(scenario: Scenario) -> RoundSizes:
-    """What a round of this scenario computes and moves, from its settings alone: frames and float32 weights."""
-    frame_bytes = scenario.camera.width * scenario.camera.height * _CHANNELS
+    """What a round of this scenario computes and moves, from its settings alone: frames and weights as encoded."""
+    camera, network, codec = scenario.camera, scenario.network, scenario.federation.weights_codec
+    raw, sent = ((camera.width, camera.height), (network.width, network.height)), scenario.meta.experience_codec
+    # How far png compresses depends on the pictures: the closed form then has the raw frame.
+    frame_bytes = experience_bytes(sent, *raw) or experience_bytes("raw", *raw) or 0
+    tensors = _tensors(network)
+    heads = tensors[-2:] * (len(scenario.meta.training_tasks) if scenario.meta.heads == "per_task" else 0)
     return RoundSizes(
         support_batches=scenario.meta.support_batches,
         query_batches=scenario.meta.query_batches,
         robot_batches=scenario.learning.batches_per_round,
         experience_bytes=scenario.learning.motions_per_round * frame_bytes,
-        weights_bytes=_parameters(scenario.network) * _FLOAT32_BYTES,
+        weights_bytes=weights_bytes(codec, tensors),
+        first_weights_bytes=weights_bytes(codec, tensors, whole=True),
+        meta_model_bytes=weights_bytes(codec, [*tensors, *heads], whole=True),
     )
 
 
@@ -48,27 +56,40 @@ def expected_counts(
             robots = len(scenario.cluster(task))
             clusters.append(ClusterRounds(task_rounds, robots, directed_links(robots, scenario.federation)))
         training_robots = sum(len(agents) for agents in scenario.training_agents.values()) if t0 else 0
-        return closed_form(t0, training_robots, clusters, sizes)
+        return _by_kind(closed_form(t0, training_robots, clusters, sizes), method)
+    # A served cluster's first weights have no base either, up or down.
     robot_rounds = sum(task_rounds * len(scenario.cluster(task)) for task, task_rounds in rounds.items())
-    gradients, weights_bytes = robot_rounds * sizes.robot_batches, robot_rounds * sizes.weights_bytes
+    robots = sum(len(scenario.cluster(task)) for task, task_rounds in rounds.items() if task_rounds)
+    gradients, models_bytes = (
+        robot_rounds * sizes.robot_batches,
+        robot_rounds * sizes.weights_bytes + robots * sizes.base_bytes,
+    )
     if method == "isolated":
         tasks = Counts(gradients_robots=gradients)
     elif method == "fedavg":
-        tasks = Counts(gradients_robots=gradients, uplink_bytes=weights_bytes, downlink_bytes=weights_bytes)
+        tasks = Counts(gradients_robots=gradients, uplink_bytes=models_bytes, downlink_bytes=models_bytes)
     else:
-        experience_bytes = robot_rounds * sizes.experience_bytes
-        tasks = Counts(gradients_support=gradients, uplink_bytes=experience_bytes, downlink_bytes=weights_bytes)
+        frames_bytes = robot_rounds * sizes.experience_bytes
+        tasks = Counts(gradients_support=gradients, uplink_bytes=frames_bytes, downlink_bytes=models_bytes)
     return StageCounts(fl=tasks)
 
 
-def _parameters(network: Network) -> int:
-    """Trainable parameters of the Q-network, counted without building it: a report needs no torch."""
-    total, channels, height, width = 0, _CHANNELS, network.height, network.width
+def _by_kind(counts: StageCounts, method: str) -> StageCounts:
+    """Reptile and joint training have no query batches: all of a round's gradients are plain ones."""
+    if method not in ("reptile", "multitask"):
+        return counts
+    every = counts.ml.gradients_support + counts.ml.gradients_query
+    return StageCounts(replace(counts.ml, gradients_support=every, gradients_query=0), counts.fl)
+
+
+def _tensors(network: Network) -> list[int]:
+    """Entries of each of the Q-network's tensors, counted without building it: a report needs no torch."""
+    entries, channels, height, width = [], _CHANNELS, network.height, network.width
     for out, kernel, stride in network.conv:
-        total += out * (channels * kernel * kernel + 1)
+        entries += [out * channels * kernel * kernel, out]
         channels, height, width = out, (height - kernel) // stride + 1, (width - kernel) // stride + 1
     features = channels * height * width
     for size in (*network.dense, _ACTIONS):
-        total += size * (features + 1)
+        entries += [size * features, size]
         features = size
-    return total
+    return entries

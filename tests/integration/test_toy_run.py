@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import safetensors
 
+from common.metaheads import head_of, meta_shapes
 from common.meter import MeterRow
 from common.qnetwork import build_qnetwork, shapes_of
 from common.runlog import RoundRow
@@ -20,15 +21,15 @@ PARTS = {"ml_learning", "ml_communication", "fl_learning", "fl_communication", "
 
 
 def test_the_bill_and_the_run_directory_are_printed(toy_run: Any) -> None:
-    assert "Energy with MAML" in toy_run.printed
-    assert "Energy without MAML" in toy_run.printed
+    assert "E, eq. (12), by each way to know it" in toy_run.printed
+    assert "FL, no transfer" in toy_run.printed
     assert "Bytes delivered by link class" in toy_run.printed
     assert str(toy_run.path.name) in toy_run.printed.splitlines()[-1]
 
 
 def test_the_manifest_says_what_was_run_where(toy_run: Any) -> None:
     manifest = toy_run.manifest
-    assert (manifest["schema"], manifest["run"], manifest["seed"]) == (1, "toy", 1)
+    assert (manifest["schema"], manifest["run"], manifest["seed"]) == (2, "toy", 1)
     scenario = scenario_from(manifest["scenario"], "manifest")
     assert (scenario.name, len(scenario.agents), scenario.meta.t0) == ("toy", 4, 3)
     assert {"python", "jouleswarm", "torch", "amqtt", "paho-mqtt"} <= set(manifest["versions"])
@@ -71,9 +72,11 @@ def test_the_summary_holds_rounds_joules_and_bytes_of_each_arm(toy_run: Any) -> 
     assert set(summary["arms"]) == set(ARMS)
     for arm in ARMS:
         part = summary["arms"][arm]
-        assert [set(task) for task in part["tasks"]] == [{"task", "rounds", "reward", "rmse_m", "learned"}] * 2
+        assert [set(task) for task in part["tasks"]] == [
+            {"task", "rounds", "robot_rounds", "reward", "rmse_m", "learned"}
+        ] * 2
         assert [task["task"] for task in part["tasks"]] == [1, 2]
-        assert set(part["energy_j"]) == {"literal", "published"}
+        assert set(part["energy_j"]) == {"literal", "published", "by_cause", "by_site"}
         assert all(set(part["energy_j"][prices]) == PARTS for prices in ("literal", "published"))
         assert set(part["bytes"]) == LINKS
         assert all(set(part["bytes"][link]) == {"messages", "payload", "packet"} for link in LINKS)
@@ -121,10 +124,14 @@ def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_librar
     files = {path.stem for path in (toy_run.path / "weights").iterdir()}
     assert files == {f"{arm}-task{task}" for arm in ARMS for task in (1, 2)} | {"maml-meta-t0003"}
     scenario = scenario_from(toy_run.manifest["scenario"], "manifest")
-    shapes = shapes_of(build_qnetwork(scenario.network))
+    network = build_qnetwork(scenario.network)
+    learned = shapes_of(network)
+    meta = meta_shapes(learned, head_of(network), scenario.meta.training_tasks)
     for name in files:
         with safetensors.safe_open(toy_run.path / "weights" / f"{name}.safetensors", framework="np") as file:
-            assert {key: file.get_tensor(key).shape for key in file.keys()} == shapes  # noqa: SIM118
+            assert {key: file.get_tensor(key).shape for key in file.keys()} == (  # noqa: SIM118
+                learned if "task" in name else meta
+            )
             assert all(np.isfinite(file.get_tensor(key)).all() for key in file.keys())  # noqa: SIM118
             metadata = file.metadata()
         assert metadata["task"] == (name[-1] if "task" in name else "0")
@@ -134,7 +141,7 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
     drawn = {path.name for path in (toy_run.path / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in ("energy", "rounds", "rewards", "bytes") for kind in ("png", "svg")}
     html = (toy_run.path / "report.html").read_text()
-    assert "Energy with MAML" in html
+    assert "FL, no transfer" in html
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
 
 
@@ -153,5 +160,5 @@ def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: 
     before = content()
     report = start.jouleswarm("report", str(toy_run.path), "--ul", "500", "--sl", "200")
     assert report.ends() == 0, report.printed
-    assert "Energy with MAML" in report.printed
+    assert "E_UL 500, E_DL 500, E_SL 200 kb/J" in report.printed
     assert content() == before
