@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from common.energy import PublishedBill, published_bill
+from common.methods import META_METHODS
 from common.settings import Energy
 
 # Table II: MAML rounds t0 -> FL rounds t_1 .. t_6, means of 15 Monte Carlo runs. 0 is "no MAML".
@@ -55,5 +56,9 @@ def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float
 
 
 def published_of(method: str, t0: float, fl_rounds: float, energy: Energy) -> PublishedBill | None:
-    """An arm by the published price list, or None where the paper implies nothing: other methods or efficiencies."""
-    return published_bill(t0, fl_rounds, energy) if method in PAPER_METHODS else None
+    """An arm by the published price list, or None where the paper implies nothing.
+
+    Its totals a round hold for every method whose rounds move and compute what the paper's do: decentralized learning,
+    with or without a meta-model before it, whichever way that is trained.
+    """
+    return published_bill(t0, fl_rounds, energy) if method in ("fl", *META_METHODS) else None

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from benchmarks.in_memory import run_in_memory
+from common.methods import METHODS
 from common.scenario import scenario_from
 
 Count = tuple[int, int, int]
@@ -25,7 +26,19 @@ def qos_0_run(run_toy: Any, small: Any):
     return run_toy("qos0", *small, "bus.qos=0")
 
 
-@pytest.fixture(params=["toy_run", "small_run", "qos_0_run"])
+@pytest.fixture(scope="session")
+def methods_run(run_toy: Any, small: Any):
+    """Every method, and an arm from a meta-model on the way, in one deployment."""
+    return run_toy("methods", *small, f"methods={list(METHODS)}", "meta.adapt_from=[1]")
+
+
+@pytest.fixture(scope="session")
+def codecs_run(run_toy: Any, small: Any):
+    changes = ("federation.codec=topk", "meta.experience_codec=png", "methods=['maml', 'fedavg', 'centralized']")
+    return run_toy("codecs", *small, *changes)
+
+
+@pytest.fixture(params=["toy_run", "small_run", "qos_0_run", "methods_run", "codecs_run"])
 def any_run(request: pytest.FixtureRequest):
     return request.getfixturevalue(request.param)
 
@@ -78,7 +91,7 @@ def test_the_same_scenario_and_seed_again_give_the_same_figures_and_bits(
             assert (ours["messages"], ours["payload"]) == (theirs["messages"], theirs["payload"])
 
 
-@pytest.mark.parametrize("name", ["small_run", "toy_run"])
+@pytest.mark.parametrize("name", ["small_run", "toy_run", "methods_run", "codecs_run"])
 def test_robots_as_threads_over_the_in_memory_bus_come_to_the_same_bits(
     name: str, request: pytest.FixtureRequest
 ) -> None:

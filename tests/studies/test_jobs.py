@@ -30,7 +30,7 @@ def test_the_paper_study_is_one_deployment_a_seed_adapted_from_every_t0() -> Non
     assert list(found) == [("", 1), ("", 2), ("", 3)]
     one = found["", 2]
     assert one.seed == 2
-    assert one.arm_names == ("maml-t42", "maml-t66", "maml-t90", "maml-t132", "maml-t210", "maml", "fl")
+    assert one.arm_names == (*(f"multitask-t{t0}" for t0 in (42, 66, 90, 132, 210)), "multitask", "fl")
     assert [arm.t0 for arm in one.arms] == [42, 66, 90, 132, 210, 240, 0]
 
 
@@ -41,7 +41,7 @@ def test_what_the_user_sets_comes_after_what_the_study_sets() -> None:
 
 def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path) -> None:
     file = tmp_path / "r.toml"
-    file.write_text(QUICK.read_text().replace('["maml", "fl"]', '["fl", "reptile"]'))
+    file.write_text(QUICK.read_text().replace('["multitask", "fl"]', '["fl", "reptile"]'))
     one = scenarios("regimes", request(file, seeds=1, t0=7))["base", 1]
     assert one.methods == ("reptile", "fl")
     assert one.meta.t0 == 7
