@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,11 @@ class Explorer:
         self._starts = self._start_cells(scenario.cluster(self._task), scenario.learning.starts)
         self._rng = stream(scenario.seed, "explore", agent)
         self._frame: Frame | None = None
+
+    @cached_property
+    def _best(self) -> npt.NDArray[np.int64]:
+        """The best action at each landmark by the position-reward table."""
+        return table_policy(self._table, self._map, self._scenario.learning.discount)
 
     def begin(self, arm: str, cluster: Sequence[int]) -> None:
         """Start afresh, with random streams that depend on the arm and not on what came before it.
@@ -88,7 +94,7 @@ class Explorer:
         """
         scenario, epsilon = self._scenario, self._scenario.meta.epsilon
         rng = stream(scenario.seed, "meta", "explore", self._agent, round_)
-        best = table_policy(self._table, self._map, scenario.learning.discount)
+        best = self._best
         self._starts = self._start_cells(scenario.cluster(self._task), scenario.meta.starts)
         self._env.reset(seed=integer(scenario.seed, "meta", "environment", self._agent, round_))
 

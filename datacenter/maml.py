@@ -63,8 +63,10 @@ def adapt(
     inner_lr: float,
     clip: float = math.inf,
     inner: Collection[str] | None = None,
+    *,
+    differentiable: bool = True,
 ) -> Params:
-    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`.
+    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params` if asked.
 
     Gradients longer than `clip` (2-norm over all parameters that adapt) are shortened to it, as the robots' are.
     `inner` names the parameters that adapt, all by default; the others stay (ANIL: the last layer only).
@@ -75,9 +77,16 @@ def adapt(
         def partial_loss(part: Params, batch: TensorBatch = batch, fixed: Params = fixed) -> Tensor:
             return loss({**fixed, **part}, batch)
 
-        gradient = clipped(grad(partial_loss)(moving), clip)
+        found = grad(partial_loss)(moving) if differentiable else plain_gradient(partial_loss, moving)
+        gradient = clipped(found, clip)
         params = {**fixed, **{name: value - inner_lr * gradient[name] for name, value in moving.items()}}
     return params
+
+
+def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
+    """The gradient of `loss` at `params`, with nothing to differentiate through it: cheaper than torch.func.grad."""
+    leaves = {name: value.detach().requires_grad_() for name, value in params.items()}
+    return dict(zip(leaves, torch.autograd.grad(loss(leaves), list(leaves.values())), strict=True))
 
 
 def clipped(gradient: Params, norm: float) -> Params:
@@ -111,8 +120,8 @@ def meta_gradient(
     taken as the identity and the gradient is the one at phi.
     """
     if not exact:
-        adapted = adapt(params, support, loss, inner_lr, clip, inner)
-        return grad(query_loss)(adapted, query, loss), adapted
+        adapted = adapt(params, support, loss, inner_lr, clip, inner, differentiable=False)
+        return plain_gradient(lambda at: query_loss(at, query, loss), adapted), adapted
 
     def through(start: Params) -> tuple[Tensor, Params]:
         adapted = adapt(start, support, loss, inner_lr, clip, inner)
@@ -126,7 +135,7 @@ def reptile_gradient(
     params: Params, batches: Sequence[TensorBatch], loss: Loss, inner_lr: float, clip: float = math.inf
 ) -> tuple[Params, Params]:
     """Reptile's direction W - phi (Nichol et al. 2018), phi after one SGD step a batch, and phi."""
-    adapted = adapt(params, batches, loss, inner_lr, clip)
+    adapted = adapt(params, batches, loss, inner_lr, clip, differentiable=False)
     return {name: value - adapted[name] for name, value in params.items()}, adapted
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
-from torch.func import grad
 
 from common.errors import TrainingError
 from common.metaheads import head_of
@@ -19,7 +18,16 @@ from common.qnetwork import build_qnetwork
 from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
-from datacenter.maml import Loss, Params, TensorBatch, make_loss, meta_gradient, reptile_gradient, to_tensors
+from datacenter.maml import (
+    Loss,
+    Params,
+    TensorBatch,
+    make_loss,
+    meta_gradient,
+    plain_gradient,
+    reptile_gradient,
+    to_tensors,
+)
 from datacenter.metamodel import MetaModel
 from datacenter.motions import Motion, remember
 
@@ -127,7 +135,7 @@ class MetaLearner:
         loss: Loss = make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
         if self._method == "multitask":
             (batch,) = batches.support
-            return grad(loss)(params, batch), params
+            return plain_gradient(lambda at: loss(at, batch), params), params
         if self._method == "reptile":
             every = [*batches.support, *batches.query]
             return reptile_gradient(params, every, loss, settings.inner_lr, learning.grad_clip)
