@@ -80,7 +80,7 @@ class Robot:
                         self.meta.publish_motion(method, payload)
                     sent.add(round_)
                     self.exchange.report(self._row("maml", method, round_, begun))
-        return start_of(self.meta.await_model(arm), self.task)
+        return start_of(self.meta.await_model(arm, t0), self.task)
 
     def federate(self, arm: Arm, weights: Weights) -> None:
         """Federated learning, eq. (6), until the cluster's R reaches the target."""

@@ -56,11 +56,14 @@ class MetaLink:
         topic = topics.experience(self._exchange.run, arm, self._exchange.here.task, self._exchange.here.agent)
         self._exchange.publish(topic, payload)
 
-    def await_model(self, arm: Arm) -> Weights:
-        """The meta-model that `arm` starts from, asked for if it went by before this robot came."""
+    def await_model(self, arm: Arm, t0: int) -> Weights:
+        """The meta-model that `arm` starts from, asked for if it went by before this robot came.
+
+        All of a method's meta-models go down when its stage of `t0` rounds is over.
+        """
 
         def gone_by() -> bool:
-            return self._wanted_of(arm.method).first > arm.t0
+            return self._wanted_of(arm.method).first > t0
 
         def ask() -> None:
             if arm.name not in self._models and gone_by():

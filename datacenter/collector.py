@@ -20,7 +20,7 @@ class Collector(Desk):
         super().__init__(bus, scenario, run, method)
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
         self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
-        self._asked_for_model: list[tuple[str, int]] = []
+        self._asked_for_model: dict[tuple[str, int], None] = {}  # in the order of asking, each once
         self._collected = 0
         self.subscriptions += [
             *(topics.experience(run, method, task, agent) for agent, task in self._training.items()),
@@ -61,8 +61,8 @@ class Collector(Desk):
             if self.all_reached(stage):
                 return None
             self.take_next(self._scenario.bus.resend_after_s)
-        asked, self._asked_for_model = self._asked_for_model, []
-        return asked
+        asked, self._asked_for_model = self._asked_for_model, {}
+        return list(asked)
 
     def _missing(self, round_: int) -> list[int]:
         arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
@@ -84,7 +84,7 @@ class Collector(Desk):
         elif kind == "resend":
             agent = decode_json(message.payload, RoundRequest).first
             if agent in self._stages:
-                self._asked_for_model.append((topics.arm_of(message.topic), agent))
+                self._asked_for_model[topics.arm_of(message.topic), agent] = None
         else:
             super().take(message)
 

@@ -144,7 +144,7 @@ def test_weights_and_meta_models_of_another_codec_are_refused_counted_and_waited
     right = WeightsEncoder(WeightsCodec(expected))
     pair.other.publish(topics.meta_model(RUN, "maml"), right.payload(vector(0, 127, 0, -127), header(2, 3)))
     pair.send(pair.theirs.payload(vector(0, 127, 0, -127), header(2, 1)))  # exact in every codec
-    assert pair.meta.await_model(Arm("maml", "maml", 3))["w"].tolist() == [0, 127, 0, -127]
+    assert pair.meta.await_model(Arm("maml", "maml", 3), 3)["w"].tolist() == [0, 127, 0, -127]
     assert pair.got(1) == [0, 127, 0, -127]
     assert pair.exchange.refused == 2
 
@@ -155,7 +155,7 @@ def test_a_meta_model_of_differences_is_refused() -> None:
     payloads = [pair.theirs.payload(vector(1, 2, 3, 4), header(2, 3)) for _ in range(2)]
     pair.other.publish(topics.meta_model(RUN, "maml"), payloads[1])
     pair.other.publish(topics.meta_model(RUN, "maml"), payloads[0])
-    assert pair.meta.await_model(Arm("maml", "maml", 3))["w"].tolist() == [1, 2, 3, 4]
+    assert pair.meta.await_model(Arm("maml", "maml", 3), 3)["w"].tolist() == [1, 2, 3, 4]
     assert pair.exchange.refused == 1
 
 

@@ -340,7 +340,7 @@ def test_the_meta_model_is_taken_from_the_downlink_without_asking() -> None:
     want(table, 1, 2)
     table.others.publish(topics.meta_model(RUN, ARM), meta_payload())
     want(table, 4, 4)
-    assert table.meta.await_model(Arm(ARM, ARM, 3))["w"].tolist() == [5.0, 5.0]
+    assert table.meta.await_model(Arm(ARM, ARM, 3), 3)["w"].tolist() == [5.0, 5.0]
     assert ears.receive(0.001) is None
 
 
@@ -348,7 +348,7 @@ def test_a_meta_model_that_went_by_is_asked_for() -> None:
     table = Table()
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)  # the stage is over, and the meta-model was sent before this robot came
-    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3)))
+    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3), 3))
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, ARM, ME), meta_payload())
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
@@ -358,7 +358,7 @@ def test_a_meta_model_that_was_lost_is_asked_for_until_it_comes() -> None:
     table = Table(IMPATIENT_S)
     ears = table.listen(topics.meta_resend(RUN, ARM))
     want(table, 4, 4)
-    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3)))
+    waiting = Running(lambda: table.meta.await_model(Arm(ARM, ARM, 3), 3))
     for _ in range(3):
         assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, ARM, ME), meta_payload())
@@ -375,3 +375,19 @@ def test_a_robot_that_leaves_hears_no_more_and_hands_in_its_counters() -> None:
     table.send(2, 1)
     received = [row for row in table.hub.meter.rows() if row.client == "agent-1" and row.direction == "out"]
     assert [row for row in received if "weights" in row.topic] == []
+
+
+def test_a_model_of_a_round_on_the_way_is_not_asked_for_before_the_stage_is_over() -> None:
+    table = Table(IMPATIENT_S)
+    ears = table.listen(topics.meta_resend(RUN, "maml-t1"))
+    early = Arm("maml-t1", ARM, 1)
+    table.meta.listen([early])
+    want(table, 3, 3)  # round 1 is long over, the stage of 3 rounds is not
+    waiting = Running(lambda: table.meta.await_model(early, 3))
+    for _ in range(3):
+        assert ears.receive(IMPATIENT_S) is None
+    assert waiting.waits
+    want(table, 4, 4)
+    assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
+    table.others.publish(topics.meta_model(RUN, "maml-t1", ME), meta())
+    assert waiting.result()["w"].tolist() == [5.0, 5.0]
