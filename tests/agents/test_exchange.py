@@ -389,5 +389,5 @@ def test_a_model_of_a_round_on_the_way_is_not_asked_for_before_the_stage_is_over
     assert waiting.waits
     want(table, 4, 4)
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
-    table.others.publish(topics.meta_model(RUN, "maml-t1", ME), meta())
+    table.others.publish(topics.meta_model(RUN, "maml-t1", ME), meta_payload(1))
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
