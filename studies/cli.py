@@ -50,7 +50,10 @@ Scheduler = Annotated[
     str | None, typer.Option(envvar="JOULESWARM_SCHEDULER", help="A Dask scheduler of yours: tcp://HOST:8786.")
 ]
 Work = Annotated[Path | None, typer.Option(help="Folder for run directories. Default: runs/study-NAME-PROFILE.")]
-Results = Annotated[Path | None, typer.Option(help="Folder for results. Default: results/NAME/PROFILE.")]
+Results = Annotated[
+    Path | None,
+    typer.Option(help="Folder for results. Default: results/PROFILE, for others than paper results/PROFILE-NAME."),
+]
 Keep = Annotated[bool, typer.Option("--keep", help="Keep weights and logs of every run.")]
 
 
@@ -92,7 +95,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         )
         where = Where(
             work=work or Path("runs") / f"study-{name}-{label}",
-            results=results or Path("results") / name / label,
+            results=results or Path("results") / (label if name == "paper" else f"{label}-{name}"),
             workers=workers,
             scheduler=scheduler,
             keep=keep,

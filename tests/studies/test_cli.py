@@ -83,7 +83,7 @@ def test_folders_are_named_after_study_and_profile(
     monkeypatch.setattr(run, "run_study", lambda kind, request, profile, where, console: seen.append(where) or [])
     jouleswarm("study", "paper", "--profile", "paper")
     jouleswarm("study", "regimes", "--scenario", TOY)
-    assert [where.results for where in seen] == [Path("results/paper/paper"), Path("results/regimes/toy")]
+    assert [where.results for where in seen] == [Path("results/paper"), Path("results/toy-regimes")]
     assert [where.work for where in seen] == [Path("runs/study-paper-paper"), Path("runs/study-regimes-toy")]
 
 

@@ -13,7 +13,7 @@ from studies.kinds import write_csv_tables
 from studies.record import read_record
 
 ROOT = Path(__file__).parents[2]
-COMMITTED = sorted(path.parent for path in ROOT.glob(f"results/*/*/{FACTS}"))
+COMMITTED = sorted(path.parent for path in ROOT.glob(f"results/*/{FACTS}"))
 
 
 def made_again(results: Path, into: Path) -> dict[str, bytes]:
