@@ -44,9 +44,10 @@ def lead(folder: Path, name: str) -> None:
 def main() -> None:
     """Entry point: errors of ours are one line and their exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
     folder, name = sys.argv[1:]
     try:
+        # In here: a stdin that is closed already breaks off what comes next, whatever that is.
+        threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
         lead(Path(folder), name)
     except JouleSwarmError as error:
         print(error, file=sys.stderr)
