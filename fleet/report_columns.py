@@ -58,11 +58,6 @@ def measured_bill(run: Run, arm: str, energy: Energy, measure: Measure = "payloa
     return bill(arm_counts(run.rows, run.meter_rows, arm, measure=measure), with_beta(energy, run.rows, arm))
 
 
-def closed_parts(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Parts:
-    """`closed_bill` by stage and cause."""
-    return _of_bill(closed_bill(run, arm, energy, sizes))
-
-
 def measured_parts(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Parts:
     """`measured_bill` by stage and cause; what needs bytes is None where none were metered."""
     return _of_bill(measured_bill(run, arm, energy, measure), metered=bool(run.meter_rows))

@@ -14,7 +14,7 @@ from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
 from common.settings import Energy
 from fleet.prices import Prices, reprice
 from fleet.report import load_run, print_report, report
-from fleet.report_columns import closed_parts, columns, control_j, measured_parts
+from fleet.report_columns import closed_bill, columns, control_j, measured_parts
 from fleet.report_format import bytes_text, joules_text
 from fleet.report_notes import notes, verdicts
 from fleet.summary import summarise
@@ -68,7 +68,7 @@ def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None
     run = load_run(interrupted)
     measured = measured_parts(run, "maml", run.scenario.energy)
     assert (measured["ml_learning"], measured["total"]) == (pytest.approx(2364.72), None)
-    assert closed_parts(run, "maml", run.scenario.energy)["total"] is not None
+    assert closed_bill(run, "maml", run.scenario.energy).total_j is not None
 
 
 def test_a_run_with_no_rows_yet_is_printed(write_run, facts) -> None:
@@ -132,8 +132,8 @@ def test_columns_side_by_side(complete) -> None:
 
 def test_scenario_sizes_of_a_paper_size_scenario_are_near_table_i(complete) -> None:
     run = load_run(complete)
-    ours = closed_parts(run, "maml", run.scenario.energy)["total"]
-    papers = closed_parts(run, "maml", run.scenario.energy, TABLE_I)["total"]
+    ours = closed_bill(run, "maml", run.scenario.energy).total_j
+    papers = closed_bill(run, "maml", run.scenario.energy, TABLE_I).total_j
     assert ours is not None
     assert ours == pytest.approx(papers, rel=0.01)
 
