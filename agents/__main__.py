@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from common.memory import keep_freed_memory
 from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
@@ -48,6 +49,7 @@ def main(
                 f"{list(settings.clusters.get(task, ()))}"
             )
         use_one_thread()
+        keep_freed_memory()
         name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))
         bus = MqttBus.connect(

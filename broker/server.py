@@ -18,10 +18,10 @@ from broker.connection import Connection
 from broker.core import SwarmBroker
 from broker.exporter import start_exporter
 from broker.limits import Limits
-from broker.memory import keep_freed_memory
 from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from common.errors import ConfigurationError
+from common.memory import keep_freed_memory
 
 logger = logging.getLogger("broker")
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from common.memory import keep_freed_memory
 from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
@@ -45,6 +46,7 @@ def main(
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
         use_one_thread()
+        keep_freed_memory()
         name = topics.run_name(run or settings.name)
         bus = MqttBus.connect(
             broker,
