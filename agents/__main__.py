@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from common.memory import keep_freed_memory
-from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
+from common.options import (
+    DEFAULT_BROKER,
+    BrokerOption,
+    KeepStateOption,
+    RunOption,
+    ScenarioOption,
+    SetOption,
+    VerboseOption,
+)
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -22,6 +31,13 @@ def main(
         int | None, typer.Option(envvar="JOULESWARM_TASK", help="Its task; checked against the scenario.")
     ] = None,
     run: RunOption = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="JOULESWARM_STATE", help="Folder to remember each round in: a robot that was killed goes on from it."
+        ),
+    ] = None,
+    keep_state: KeepStateOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
@@ -37,6 +53,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError
+        from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
@@ -58,8 +75,9 @@ def main(
             will=(topics.presence(name, assigned, id), gone),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
+            meter=Meter("client", state),
         )
-        run_agent(settings, id, name, bus)
+        run_agent(settings, id, name, bus, state, keep_state=keep_state)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,18 @@
 """The robot process, to be read from top to bottom.
 
 For each arm: take part in the data center's meta-learning (once a method), then learn the task with the neighbours:
-collect -> learn -> evaluate -> share -> decide -> mix, round by round.
+collect -> learn -> evaluate -> share -> decide -> mix -> remember, round by round.
 """
 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 from agents.centralized import follow
 from agents.exchange import Exchange
 from agents.explorer import Explorer
+from agents.memory import Memory
 from agents.metalink import MetaLink
 from agents.neighbourhood import neighbourhood_of
 from agents.sharing import sharing_of
@@ -24,42 +26,62 @@ from common.rewards import RewardLedger
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.seeding import integer, stream
+from common.state import Stateful
 
 
-def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus) -> None:
-    """Live the whole life of robot `agent` on a connected bus."""
-    robot = Robot(scenario, agent, run, bus)
+def run_agent(
+    scenario: Scenario, agent: int, run: str, bus: Bus, state: Path | None = None, *, keep_state: bool = False
+) -> None:
+    """Live the whole life of robot `agent` on a connected bus; with a folder `state` go on from where one was killed.
+
+    Raises:
+        ConfigurationError: another process is this robot.
+        RunError: the folder holds another robot's or scenario's state.
+        TrainingError: a loss is not finite.
+    """
+    robot = Robot(scenario, agent, run, bus, state)
+    exchange, memory = robot.exchange, robot.memory
+    exchange.claim()
     robot.meta.listen(scenario.arms)
-    robot.exchange.join(scenario.arms)
+    exchange.join(scenario.arms)
     for index, arm in enumerate(scenario.arms):
-        weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
-        robot.exchange.open_arm(arm, neighbourhood_of(scenario, agent, arm.method))
-        robot.exchange.announce(2 * index + 1)
-        robot.exchange.await_stage(2 * index + 1)
-        if arm.method in SERVED_METHODS:
-            robot.exchange.await_datacenter(2 * index + 1)
-        if arm.method == "centralized":
-            follow(scenario, arm, weights, robot.exchange, robot.explorer)
+        if memory.is_past(arm.name, scenario.arm_names):
+            continue
+        weights = memory.start_of(arm.name)
+        if weights is None:
+            weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
+            memory.begin(arm.name, weights)
+        exchange.open_arm(arm, neighbourhood_of(scenario, agent, arm.method))
+        if not memory.has_ended(arm.name):
+            exchange.announce(2 * index + 1)
+            exchange.await_stage(2 * index + 1)
+            if arm.method in SERVED_METHODS:
+                exchange.await_datacenter(2 * index + 1)
+            learn = robot.follow if arm.method == "centralized" else robot.federate
+            learn(arm, weights or robot.initial_weights())
         else:
-            robot.federate(arm, weights)
+            memory.restore(arm.name, {"exchange": exchange})
         # Neighbours may still ask for the last round's weights again.
-        robot.exchange.announce(2 * index + 2)
-        robot.exchange.await_stage(2 * index + 2)
-    robot.exchange.leave()
+        exchange.announce(2 * index + 2)
+        exchange.await_stage(2 * index + 2)
+    exchange.leave()
+    if not keep_state:
+        memory.clear()
 
 
 class Robot:
     """One robot's state that outlives an arm."""
 
-    def __init__(self, scenario: Scenario, agent: int, run: str, bus: Bus) -> None:
+    def __init__(self, scenario: Scenario, agent: int, run: str, bus: Bus, state: Path | None) -> None:
         self.scenario, self.agent = scenario, agent
         here = neighbourhood_of(scenario, agent)
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
+        self.memory = Memory(scenario, agent, run, state, bus.meter)
         network, settings = build_qnetwork(scenario.network), scenario.meta
         shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
         codec = scenario.federation.weights_codec
-        self.exchange = Exchange(bus, run, here, shapes, scenario.bus.qos, scenario.bus.resend_after_s, codec)
+        self.exchange = Exchange(bus, run, here, shapes, scenario.bus, codec, self.memory.rows)
         self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
         self._sent: dict[str, set[int]] = {}
 
@@ -85,13 +107,20 @@ class Robot:
     def federate(self, arm: Arm, weights: Weights) -> None:
         """Federated learning, eq. (6), until the cluster's R reaches the target."""
         scenario, settings, here = self.scenario, self.scenario.federation, self.exchange.here
-        learner = Learner(
-            scenario.network, scenario.learning, weights, stream(scenario.seed, arm.name, "learn", self.agent)
-        )
+        rng = stream(scenario.seed, arm.name, "learn", self.agent)
+        learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames)
         sharing = sharing_of(arm, self.exchange, scenario, len(here.neighbours))
         ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window)
         self.explorer.begin(arm.name, here.cluster)
-        for round_ in range(1, settings.max_rounds + 1):
+        kept: dict[str, Stateful] = {
+            "learner": learner,
+            "explorer": self.explorer,
+            "ledger": ledger,
+            "sharing": sharing,
+            "exchange": self.exchange,
+        }
+        done = self.memory.restore(arm.name, kept)
+        for round_ in range(done + 1, settings.max_rounds + 1):
             begun = time.monotonic()
             samples = self.explorer.collect(learner, scenario.learning.motions_per_round)
             gradients = learner.learn(scenario.learning.batches_per_round)
@@ -123,8 +152,14 @@ class Robot:
             self.exchange.report(row)
             if last:
                 break
+            self.memory.save(arm.name, round_, kept)
         if self.agent == min(scenario.cluster(self.task)):
             self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))
+        self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
+
+    def follow(self, arm: Arm, weights: Weights) -> None:
+        """Centralized learning: act by the data center's model."""
+        follow(self.scenario, arm, weights, self.exchange, self.explorer, self.memory)
 
     def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:
         return RoundRow.model_validate(

@@ -6,6 +6,7 @@ import time
 
 from agents.exchange import Exchange
 from agents.explorer import Explorer
+from agents.memory import Memory
 from agents.served import ServerLink
 from common.learner import Policy, Weights
 from common.methods import Arm
@@ -13,9 +14,12 @@ from common.payloads import Episode, ModelHeader, encode_model
 from common.rewards import RewardLedger
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from common.state import Stateful
 
 
-def follow(scenario: Scenario, arm: Arm, weights: Weights, exchange: Exchange, explorer: Explorer) -> None:
+def follow(
+    scenario: Scenario, arm: Arm, weights: Weights, exchange: Exchange, explorer: Explorer, memory: Memory
+) -> None:
     """Act by the data center's model and report how it does, until the cluster's R reaches the target."""
     here, settings = exchange.here, scenario.federation
     link = ServerLink(exchange)
@@ -23,7 +27,15 @@ def follow(scenario: Scenario, arm: Arm, weights: Weights, exchange: Exchange, e
     policy = Policy(scenario.network, weights)
     ledger = RewardLedger(here.cluster, 1, settings.reward_window)
     explorer.begin(arm.name, here.cluster)
-    for round_ in range(1, settings.max_rounds + 1):
+    kept: dict[str, Stateful] = {
+        "policy": policy,
+        "explorer": explorer,
+        "ledger": ledger,
+        "link": link,
+        "exchange": exchange,
+    }
+    done = memory.restore(arm.name, kept)
+    for round_ in range(done + 1, settings.max_rounds + 1):
         begun = time.monotonic()
         for payload in explorer.policy_motions(policy, round_):
             link.publish_motion(round_, payload)
@@ -53,6 +65,8 @@ def follow(scenario: Scenario, arm: Arm, weights: Weights, exchange: Exchange, e
         )
         if last:
             break
+        memory.save(arm.name, round_, kept)
     if here.agent == min(here.cluster):
         header = ModelHeader(task=here.task, agent=here.agent, round=round_, reward=cluster_reward)
         exchange.hand_in(encode_model(policy.weights(), header))
+    memory.save(arm.name, round_, {"exchange": exchange}, ended=True)

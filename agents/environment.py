@@ -15,6 +15,7 @@ from agents.tasks import ACTIONS, move, start_cells, task_table
 from common.errors import ConfigurationError
 from common.maps import Cell
 from common.scenario import Scenario, load_scenario
+from common.state import generator_state, load_generator
 
 Frame = npt.NDArray[np.uint8]
 Info = dict[str, Any]
@@ -88,6 +89,15 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
     def render(self) -> Frame | None:
         """The newest frame's picture, uint8 [height, width, 3]; a view, valid as long as the frame."""
         return self._frame[..., :3] if self.render_mode == "rgb_array" else None
+
+    def state(self) -> dict[str, Any]:
+        """Where the robot stands and what its random generator will draw, as plain values."""
+        return {"cell": self._cell, "motions": self._motions, "rng": generator_state(self.np_random)}
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Take up what `state` returned. The newest frame is not part of it."""
+        self._cell, self._motions = tuple(state["cell"]), state["motions"]
+        load_generator(self.np_random, state["rng"])
 
     def _look(self) -> Frame:
         self._frame = self.camera.frame(self._cell, self.np_random)

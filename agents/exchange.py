@@ -7,18 +7,23 @@ to send again what has not come. A message that is not what its topic promises i
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
 
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import Bus, Message, Payload
 from common.codecs import FLOAT32, Shapes, Tensors, Weights, WeightsCodec
 from common.errors import PayloadError
+from common.identity import Identity
+from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, read_model
-from common.reports import leave, publish_row
-from common.runlog import RoundRow
+from common.reports import Reporter
+from common.settings import Bus as BusSettings
+from common.state import State
 from common.streams import WeightsDecoder, WeightsEncoder
 
 log = logging.getLogger("jouleswarm.agent")
@@ -35,12 +40,13 @@ class Exchange:
         run: str,
         here: Neighbourhood,
         shapes: Shapes,
-        qos: int,
-        resend_after_s: float,
+        settings: BusSettings,
         codec: WeightsCodec = FLOAT32,
+        rows: Path | None = None,
     ) -> None:
+        """`rows`: a file that keeps the rows of a robot that was killed."""
         self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
-        self.qos, self._resend_after_s, self.codec = qos, resend_after_s, codec
+        self.qos, self.codec = settings.qos, codec
         self.encoder = WeightsEncoder(codec)
         self._decoders: dict[int, WeightsDecoder] = {}
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
@@ -50,13 +56,36 @@ class Exchange:
         self.arm, self._word_topic = "", ""
         self._subscriptions: list[str] = []
         self._gathered = 0
-        self.refused = 0
-        self.handlers: dict[str, Callable[[Message], None]] = {
+        self._is_back = False
+        self._listener = Listener(bus, settings.resend_after_s)
+        self.until = self._listener.until
+        self.handlers = self._listener.handlers
+        self.handlers |= {
             "weights": self._take_weights,
             "presence": self._take_presence,
             "resend": self._take_resend,
         }
-        """What is done with a message, by the last level of its topic."""
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s)
+        self._reporter = Reporter(self._listener, run, rows)
+        self.report, self.announce = self._reporter.row, self._identity.announce
+
+    @property
+    def refused(self) -> int:
+        """Messages refused so far."""
+        return self._listener.refused
+
+    def repeated(self, message: Message) -> None:
+        """Book a message that had come before."""
+        self._listener.repeated(message, self.qos)
+
+    def claim(self) -> None:
+        """Be this robot, and the only one.
+
+        Raises:
+            ConfigurationError: another process is it.
+        """
+        self._identity.claim()
+        self._subscriptions += self._identity.filters
 
     def join(self, arms: Sequence[Arm]) -> None:
         """Listen to where the neighbours are, then say hello."""
@@ -65,13 +94,6 @@ class Exchange:
         if any(arm.method in SERVED_METHODS for arm in arms):
             self.subscribe(topics.presence(run, 0, 0))
         self.announce(0)
-
-    def announce(self, stage: int) -> None:
-        """Tell the neighbours and the data center how far this robot has come."""
-        presence = Presence(agent=self.here.agent, stage=stage)
-        self._bus.publish(
-            topics.presence(self.run, self.here.task, self.here.agent), encode_json(presence), retain=True
-        )
 
     def await_datacenter(self, stage: int) -> None:
         """Wait until the data center serves the arm that `stage` opens."""
@@ -105,8 +127,7 @@ class Exchange:
     def publish_round(self, round_: int, payload: bytes) -> None:
         """Say this round's word on the arm's topic; kept for a round in case somebody asks again."""
         # Requests that came before there was anything to send are served by what is sent now.
-        while (message := self._bus.receive(0)) is not None:
-            self._take(message)
+        self._listener.take_waiting()
         self._sent = {round_: payload, **{r: p for r, p in self._sent.items() if r == round_ - 1}}
         self._say(round_)
 
@@ -122,14 +143,10 @@ class Exchange:
                 topic = topics.resend(self.run, self.arm, self.here.task, each)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 
-        self.until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask)
-        self._gathered = round_
+        self.until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask, at_once=self._is_back)
+        self._gathered, self._is_back = round_, False
         arrived = self._arrived.pop(round_)
         return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
-
-    def report(self, row: RoundRow) -> None:
-        """Telemetry: one row of the run log."""
-        publish_row(self._bus, self.run, row)
 
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""
@@ -149,42 +166,32 @@ class Exchange:
 
     def hand_in(self, payload: bytes) -> None:
         """The cluster's learned weights, for the run directory."""
-        self._bus.publish(topics.learned(self.run, self.arm, self.here.task), payload)
+        self._reporter.deliver(topics.learned(self.run, self.arm, self.here.task), payload)
 
     def leave(self) -> None:
-        """Hand in the byte counters and disconnect."""
+        """Hand in rows and byte counters and disconnect."""
         presence = topics.presence(self.run, self.here.task, self.here.agent)
-        leave(self._bus, self.run, self._subscriptions, presence)
+        self._reporter.leave(self._subscriptions, presence)
+
+    def state(self) -> State:
+        """The open arm's, at the end of a round: what neighbours may still ask for, and what the codec builds on."""
+        said = {str(round_): np.frombuffer(payload, np.uint8) for round_, payload in self._sent.items()}
+        decoders = {f"decoder-{agent}": decoder.state() for agent, decoder in self._decoders.items()}
+        return State.of({"said": State(said), "encoder": self.encoder.state(), **decoders})
+
+    def load_state(self, state: State) -> None:
+        """Take up what `state` returned, after `open_arm`."""
+        self._sent = {int(round_): payload.tobytes() for round_, payload in state.part("said").arrays.items()}
+        self._gathered, self._is_back = max(self._sent, default=0), True
+        self.encoder.load_state(state.part("encoder"))
+        for agent, decoder in self._decoders.items():
+            decoder.load_state(state.part(f"decoder-{agent}"))
 
     def subscribe(self, *filters: str, qos: int = 1) -> None:
         """Subscribe until the robot leaves."""
         if filters:
             self._bus.subscribe(*filters, qos=qos)
             self._subscriptions += filters
-
-    def until(
-        self, condition: Callable[[], bool], what: Callable[[], str], ask_again: Callable[[], None] | None = None
-    ) -> None:
-        """Take messages until `condition` holds; after each quiet spell say what is missing, and ask for it."""
-        quiet_from = time.monotonic()
-        while not condition():
-            message = self._bus.receive(self._resend_after_s)
-            if message is not None:
-                self._take(message)
-            if time.monotonic() - quiet_from >= self._resend_after_s and not condition():
-                log.info("waiting for %s", what())
-                if ask_again is not None:
-                    ask_again()
-                quiet_from = time.monotonic()
-
-    def _take(self, message: Message) -> None:
-        """Sort one message into place; refuse and count what is not what its topic promises."""
-        kind = message.topic.rsplit("/", 1)[-1]
-        try:
-            self.handlers[kind](message)
-        except PayloadError as error:
-            self.refused += 1
-            log.warning("refused a message on %s: %s", message.topic, error)
 
     def _take_weights(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self.arm:  # an answer to a request of the arm before, come late
@@ -198,14 +205,18 @@ class Exchange:
                 f"samples {header.samples}; expected robot {agent}, task {self.here.task}, its rewards and samples"
             )
         # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
-        if self._gathered < header.round <= self._gathered + 2:
+        if header.round <= self._gathered or agent in self._arrived.get(header.round, {}):
+            self._listener.repeated(message, self.qos)
+        elif header.round <= self._gathered + 2:
             self._arrived.setdefault(header.round, {})[agent] = (tensors, header)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
-        if presence.state == "gone":
+        if presence.agent == self.here.agent:
+            self._identity.heard(presence)
+        elif presence.state == "gone":
             log.warning(
                 "%s is gone; waiting for it to come back",
                 f"robot {presence.agent}" if presence.agent else "data center",

@@ -19,6 +19,7 @@ from common.payloads import MotionHeader
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.settings import Starts
+from common.state import State, generator_state, load_generator
 
 Frame = npt.NDArray[np.uint8]
 
@@ -53,6 +54,19 @@ class Explorer:
         self._env.reset(seed=integer(seed, arm, "environment", self._agent))
         self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
         self._frame = None
+
+    def state(self) -> State:
+        """Where `begin` and what came after it have led to (see `common.state.Stateful`)."""
+        arrays = {} if self._frame is None else {"frame": self._frame}
+        values = {"rng": generator_state(self._rng), "evaluation": self._evaluation.state(), "env": self._env.state()}
+        return State(arrays, values)
+
+    def load_state(self, state: State) -> None:
+        """Take up what `state` returned, after `begin`."""
+        self._frame = state.arrays.get("frame")
+        load_generator(self._rng, state.values["rng"])
+        self._evaluation.load_state(state.values["evaluation"])
+        self._env.load_state(state.values["env"])
 
     def collect(self, learner: Learner, motions: int) -> int:
         """Move epsilon-greedily, from exploring starts, into the learner's replay; returns the transitions."""

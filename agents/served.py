@@ -10,6 +10,7 @@ from common.bus import Message
 from common.codecs import Tensors, Weights
 from common.errors import PayloadError
 from common.payloads import Episode, ModelHeader, RoundRequest, decode_json, encode_json
+from common.state import State
 
 Model = tuple[Weights, ModelHeader]
 
@@ -21,6 +22,7 @@ class ServerLink:
         self._exchange = exchange
         self._models: dict[int, tuple[Tensors, ModelHeader]] = {}  # not decoded: that is done in the order of rounds
         self._decoder = exchange.decoder()
+        self._taken, self._is_back = 0, False
         self._episodes: dict[int, dict[int, float]] = {}
         self._motions: tuple[int, list[bytes]] = (0, [])
         here = exchange.here
@@ -57,6 +59,7 @@ class ServerLink:
         self._until(lambda: round_ in self._models, f"the data center's model of round {round_}", ask)
         tensors, header = self._models.pop(round_)
         self._models = {each: kept for each, kept in self._models.items() if each > round_}
+        self._taken = round_
         return self._decoder.decode(tensors), header
 
     def publish_episode(self, episode: Episode) -> None:
@@ -80,7 +83,16 @@ class ServerLink:
         return self._episodes.pop(round_)
 
     def _until(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
-        self._exchange.until(condition, lambda: what, ask)
+        self._exchange.until(condition, lambda: what, ask, at_once=self._is_back)
+
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
+        return State.of({"decoder": self._decoder.state(), "link": State(values={"taken": self._taken})})
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        self._decoder.load_state(state.part("decoder"))
+        self._taken, self._is_back = state.part("link").values["taken"], True
 
     def _take_model(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self._exchange.arm:
@@ -88,7 +100,10 @@ class ServerLink:
         tensors, header = self._exchange.read(message.payload)
         if header.task != self._exchange.here.task:
             raise PayloadError(f"model of task {header.task}, expected task {self._exchange.here.task}")
-        self._models[header.round] = (tensors, header)
+        if header.round <= self._taken or header.round in self._models:
+            self._exchange.repeated(message)
+        else:
+            self._models[header.round] = (tensors, header)
 
     def _take_episode(self, message: Message) -> None:
         episode = decode_json(message.payload, Episode)

@@ -10,6 +10,7 @@ from agents.served import ServerLink
 from common.methods import Arm
 from common.payloads import ModelHeader
 from common.scenario import Scenario
+from common.state import State
 
 
 class Sharing(Protocol):
@@ -20,6 +21,12 @@ class Sharing(Protocol):
 
     def mixed(self, weights: Weights) -> Weights:
         """The round's mixed model, from this robot's own `weights`."""
+
+    def state(self) -> State:
+        """See `common.state.Stateful`; the exchange's own is apart."""
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
 
 
 class Consensus:
@@ -40,6 +47,12 @@ class Consensus:
         sigma = mixing_weights({each: theirs.samples for each, (_, theirs) in self._arrived.items()})
         others = {each: theirs for each, (theirs, _) in self._arrived.items()}
         return mix(weights, others, sigma, self._step, self._exchange.encoder.public)
+
+    def state(self) -> State:
+        return State()
+
+    def load_state(self, state: State) -> None:
+        pass
 
 
 class ParameterServer:
@@ -66,6 +79,12 @@ class ParameterServer:
         if self._exchange.codec.is_lossless:
             return self._average
         return {name: self._average[name] + (tensor - self._sent[name]) for name, tensor in weights.items()}
+
+    def state(self) -> State:
+        return self._link.state()
+
+    def load_state(self, state: State) -> None:
+        self._link.load_state(state)
 
 
 def sharing_of(arm: Arm, exchange: Exchange, scenario: Scenario, neighbours: int) -> Sharing:

@@ -7,6 +7,7 @@ import json
 import logging
 import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -61,6 +62,10 @@ def main(
     session_expiry_s: Annotated[
         int, typer.Option(min=1, envvar=_env("SESSION_EXPIRY_S"), help="Keep a persistent session that is away.")
     ] = 3600,
+    state: Annotated[
+        Path | None,
+        typer.Option(envvar=_env("STATE"), help="Folder to keep the counters in: a broker that was killed goes on."),
+    ] = None,
     exit_with_stdin: Annotated[
         bool,
         typer.Option(
@@ -94,7 +99,7 @@ def main(
         stall_timeout_s=stall_timeout_s,
         session_expiry_s=session_expiry_s,
     )
-    settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits)
+    settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits, state)
     try:
         asyncio.run(run(settings, _announce_json if exit_with_stdin else _announce))
     except JouleSwarmError as error:

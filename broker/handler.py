@@ -43,6 +43,7 @@ class Delivery:
     publication: Publication | None  # None once written to a clean session: it is never sent again
     retain: bool
     begun: bool = False
+    written: tuple[str, int, int] | None = None  # topic, payload and packet bytes, once written whole
 
 
 class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
@@ -199,7 +200,10 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
                 if forgets:
                     delivery.publication = None
             if written == size:
-                self._broker.meter.delivered(client_id, publication.topic, len(publication.payload), size)
+                whole = publication.topic, len(publication.payload), size
+                self._broker.meter.delivered(client_id, *whole)
+                if delivery is not None:
+                    delivery.written = whole
             else:
                 self._broker.meter.event("aborted_deliveries")
                 self._broker.meter.event("aborted_bytes", written)
@@ -212,6 +216,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         if delivery is None:
             return
         self._acknowledged_s = self._loop.time()
+        if delivery.written is not None:
+            self._broker.meter.acknowledged(self.session.client_id, *delivery.written)
         if delivery.publication is not None:
             self._kept_bytes -= len(delivery.publication.payload)
         while self._waiting and self._has_window(self._waiting[0][0]):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
-from common.meter import Direction, MeterRow, packet_bytes
+from common.counters import Cell, Counters
+from common.meter import Direction, MeterRow, packet_bytes, rows_of
 from common.mqtt_client import name_of
 from common.topics import Link, arm_of, link_of, run_of
 
@@ -22,17 +24,6 @@ class LinkKey(NamedTuple):
     client: str
 
 
-class RowKey(NamedTuple):
-    """What the rows are kept by."""
-
-    client: str
-    topic: str
-    direction: Direction
-
-
-Counts = list[int]  # messages, payload bytes, packet bytes
-
-
 class BrokerMeter:
     """The same rows as `common.meter.Meter("broker")`, and running totals that are cheap to read.
 
@@ -41,16 +32,22 @@ class BrokerMeter:
     counts; any thread may read.
     """
 
-    def __init__(self, *, enabled: bool = True) -> None:
+    def __init__(self, *, enabled: bool = True, folder: Path | None = None) -> None:
+        """`folder`: where the rows of a broker that was killed are gone on from."""
         self.enabled = enabled
         self.changes = 0
         self._events: Counter[str] = Counter()
-        self._rows: dict[RowKey, Counts] = {}
-        self._totals: dict[LinkKey, Counts] = {}
+        self._rows = Counters(folder)
+        self._totals: dict[LinkKey, Cell] = {}
         # By what a packet says of itself: the counters that it adds to. Only new ones need the lock, so that
         # counting a packet costs a lookup and six additions.
-        self._counters: dict[tuple[str, str, Direction], tuple[Counts, ...]] = {}
+        self._counters: dict[tuple[str, str, Direction], tuple[Cell, ...]] = {}
         self._lock = threading.Lock()
+        for (client, topic, direction), counts in self._rows.items():
+            if direction != "acked":
+                total = self._total(client, topic, direction)  # type: ignore[arg-type]  # it was written as one
+                for place, count in enumerate(counts):
+                    total[place] += count
 
     def received(self, client_id: str, topic: str, payload_bytes: int, remaining_length: int) -> None:
         """Book a PUBLISH from a client."""
@@ -62,6 +59,15 @@ class BrokerMeter:
         if self.enabled:
             self._count((client_id, topic, "out"), payload_bytes, packet_size)
 
+    def acknowledged(self, client_id: str, topic: str, payload_bytes: int, packet_size: int) -> None:
+        """Book a delivery at QoS 1 whose receipt the client has told."""
+        if self.enabled:
+            self._count((client_id, topic, "acked"), payload_bytes, packet_size)
+
+    def flush(self) -> None:
+        """Have the rows on the disk, if there is a folder."""
+        self._rows.flush()
+
     def event(self, what: str, count: int = 1) -> None:
         """Count something that is not traffic, such as a refusal."""
         with self._lock:
@@ -71,8 +77,7 @@ class BrokerMeter:
     def rows(self) -> list[MeterRow]:
         """One cumulative row for each client, topic and direction, in a stable order."""
         with self._lock:
-            items = sorted((key, tuple(counts)) for key, counts in self._rows.items())
-        return [MeterRow.of("broker", key.client, key.topic, key.direction, counts) for key, counts in items]
+            return rows_of("broker", self._rows.items())
 
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""
@@ -94,18 +99,21 @@ class BrokerMeter:
             counts[2] += packet_size
         self.changes += len(counters)
 
-    def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Counts, ...]:
-        link, name = link_of(topic), name_of(client_id)
-        if link is None:
+    def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
+        if link_of(topic) is None:
             return ()
-        total = LinkKey(run_of(topic), arm_of(topic), link, direction, name)
+        name = name_of(client_id)
         with self._lock:
-            counters = (
-                self._rows.setdefault(RowKey(name, topic, direction), [0, 0, 0]),
-                self._totals.setdefault(total, [0, 0, 0]),
-            )
+            row = self._rows.cell((name, topic, direction))
+            # The totals are of traffic; what was acknowledged of it concerns only who looks for losses.
+            counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
         self._counters[client_id, topic, direction] = counters
         return counters
+
+    def _total(self, client: str, topic: str, direction: Direction) -> Cell:
+        link = link_of(topic)
+        assert link is not None  # nothing else is ever counted
+        return self._totals.setdefault(LinkKey(run_of(topic), arm_of(topic), link, direction, client), [0, 0, 0])
 
 
 def by_link(totals: Iterable[tuple[LinkKey, tuple[int, int, int]]]) -> dict[Link, dict[str, dict[str, int]]]:

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from broker.connection import Connection
 from broker.core import SwarmBroker
@@ -40,6 +41,8 @@ class Settings:
     metering: bool = True
     exit_with_stdin: bool = False
     limits: Limits = field(default_factory=Limits)
+    state: Path | None = None
+    """Folder of counters that the next broker with this folder goes on from."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None]) -> None:
     """
     keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
-    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering))
+    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state))
     async with AsyncExitStack() as stack:
         listener = stack.enter_context(_listen(settings.host, settings.port))
         metrics = None

@@ -30,6 +30,9 @@ class Bus(Protocol):
 
     client: str
     meter: Meter
+    connections: int
+    """How often it has connected: after a loss what others sent meanwhile has not come. What it had published retained
+    it publishes again by itself."""
 
     def subscribe(self, *filters: str, qos: int = 1) -> None:
         """Subscribe (MQTT filters, + and #); returns when the broker has granted it. Survives reconnects."""
@@ -102,6 +105,7 @@ class MemoryBus:
     def __init__(self, client: str, hub: MemoryHub) -> None:
         self.client = client
         self.meter = Meter("client")
+        self.connections = 1
         self._hub = hub
         self._filters: dict[str, int] = {}
         self._inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()

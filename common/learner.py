@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,7 @@ from common.qnetwork import build_qnetwork, load_weights, observations, to_weigh
 from common.replay import Batch, Replay
 from common.settings import Learning as LearningSettings
 from common.settings import Network
+from common.state import State, generator_state, load_generator
 
 Weights = dict[str, npt.NDArray[np.float32]]
 
@@ -36,6 +39,14 @@ class Policy:
         """A copy of the network's parameters."""
         return to_weights(self.online)
 
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
+        return State(to_weights(self.online))
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        load_weights(self.online, state.arrays)
+
     def set_weights(self, weights: Weights) -> None:
         """Take over parameters; whatever else a learner holds (moments, target) stays its own."""
         load_weights(self.online, weights)
@@ -45,8 +56,14 @@ class Learner(Policy):
     """Deep Q-learning of eq. (7): online and target network, optimizer, replay."""
 
     def __init__(
-        self, network: Network, settings: LearningSettings, weights: Weights, rng: np.random.Generator
+        self,
+        network: Network,
+        settings: LearningSettings,
+        weights: Weights,
+        rng: np.random.Generator,
+        replay_file: Path | None = None,
     ) -> None:
+        """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state."""
         super().__init__(network, weights)
         self._settings = settings
         self._rng = rng
@@ -55,7 +72,7 @@ class Learner(Policy):
         self._parameters = list(self.online.parameters())
         self._target_parameters = list(self._target.parameters())
         self._optimizer = _optimizer(settings, self._parameters)
-        self.replay = Replay(settings.replay_size, network.height, network.width)
+        self.replay = Replay(settings.replay_size, network.height, network.width, replay_file)
         self.steps = 0
 
     def learn(self, batches: int) -> int:
@@ -72,6 +89,37 @@ class Learner(Policy):
         if not math.isfinite(float(torch.stack(losses).sum())):
             raise TrainingError(f"loss is not finite after {self.steps} gradient steps; lower learning.lr")
         return len(losses)
+
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
+        moments = {f"{index}/{key}": value for index, key, value in self._moments()}
+        parts = {
+            "online": super().state(),
+            "target": State(to_weights(self._target)),
+            "moments": State({name: value.contiguous().numpy() for name, value in moments.items()}),
+            "replay": self.replay.state(),
+            "learner": State(values={"steps": self.steps, "rng": generator_state(self._rng)}),
+        }
+        return State.of(parts)
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        super().load_state(state.part("online"))
+        load_weights(self._target, state.part("target").arrays)
+        for name, array in state.part("moments").arrays.items():
+            index, key = name.split("/")
+            parameter = self._parameters[int(index)]
+            like = torch.empty_like(parameter) if array.ndim else torch.empty(())
+            self._optimizer.state[parameter][key] = like.detach().copy_(torch.from_numpy(np.array(array)))
+        self.replay.load_state(state.part("replay"))
+        values = state.part("learner").values
+        self.steps = values["steps"]
+        load_generator(self._rng, values["rng"])
+
+    def _moments(self) -> Iterator[tuple[int, str, Tensor]]:
+        for index, parameter in enumerate(self._parameters):
+            for key, value in self._optimizer.state.get(parameter, {}).items():
+                yield index, key, value
 
     def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
         settings = self._settings

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple, Self
+from pathlib import Path
+from typing import Literal, Self, cast
 
 from pydantic import BaseModel, ConfigDict
 
+from common.counters import Counters, Key, read_counters
 from common.topics import Link, arm_of, link_of, phase_of
 
-Direction = Literal["in", "out"]
+Direction = Literal["in", "out", "acked", "repeated"]
+"""in, out: whole PUBLISH packets as the side sees them. acked, of the broker: those of out whose receipt the client
+has acknowledged. repeated, of a client: those of in that it had already, sent again because of a fault."""
 Side = Literal["broker", "client"]
 
 
@@ -52,18 +56,15 @@ class MeterRow(BaseModel):
         )
 
 
-class _Key(NamedTuple):
-    client: str
-    topic: str
-    direction: Direction
-
-
 class Meter:
-    """Counts messages, payload bytes and packet bytes per (client, topic, direction). Thread-safe."""
+    """Counts messages, payload bytes and packet bytes per (client, topic, direction). Thread-safe.
 
-    def __init__(self, side: Side) -> None:
+    With a folder a process that was killed goes on counting from where it was (see `common.counters`).
+    """
+
+    def __init__(self, side: Side, folder: Path | None = None) -> None:
         self._side: Side = side
-        self._counts: dict[_Key, list[int]] = {}
+        self._counters = Counters(folder)
         self._lock = threading.Lock()
 
     def count(self, client: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
@@ -71,25 +72,42 @@ class Meter:
         if link_of(topic) is None:
             return
         with self._lock:
-            counts = self._counts.setdefault(_Key(client, topic, direction), [0, 0, 0])
-            counts[0] += 1
-            counts[1] += payload_bytes
-            counts[2] += packet_bytes
+            cell = self._counters.cell((client, topic, direction))
+            cell[0] += 1
+            cell[1] += payload_bytes
+            cell[2] += packet_bytes
 
     def rows(self) -> list[MeterRow]:
         """The counters as rows, in a stable order."""
         with self._lock:
-            items = sorted((key, tuple(value)) for key, value in self._counts.items())
-        return [MeterRow.of(self._side, key.client, key.topic, key.direction, counts) for key, counts in items]
+            return rows_of(self._side, self._counters.items())
 
     def totals(self, direction: Direction) -> dict[str, int]:
         """Payload bytes so far in one direction, by link class."""
         totals = {link.value: 0 for link in Link}
         with self._lock:
-            for key, (_, payload_bytes, _) in self._counts.items():
-                if key.direction == direction:
-                    totals[str(link_of(key.topic))] += payload_bytes
+            for (_, topic, counted), (_, payload_bytes, _) in self._counters.items():
+                if counted == direction:
+                    totals[str(link_of(topic))] += payload_bytes
         return totals
+
+    def flush(self) -> None:
+        """Have the counts on the disk, if there is a folder."""
+        self._counters.flush()
+
+
+def rows_of(side: Side, items: Iterable[tuple[Key, Sequence[int]]]) -> list[MeterRow]:
+    """Counted cells as rows."""
+    return [
+        MeterRow.of(side, client, topic, cast(Direction, direction), counts)
+        for (client, topic, direction), counts in items
+        if counts[0]
+    ]
+
+
+def read_rows(side: Side, folder: Path) -> list[MeterRow]:
+    """The rows of a meter whose process may have been killed."""
+    return rows_of(side, sorted(read_counters(folder).items()))
 
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:

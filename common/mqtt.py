@@ -35,9 +35,10 @@ class MqttBus:
     written whole (again when it is sent again), under the plain client name.
     """
 
-    def __init__(self, address: BrokerAddress, client: str, give_up_s: float) -> None:
+    def __init__(self, address: BrokerAddress, client: str, give_up_s: float, meter: Meter | None = None) -> None:
         self.client = client
-        self.meter = Meter("client")
+        self.meter = meter or Meter("client")
+        self.connections = 0
         self._address = address
         self._give_up_s = give_up_s
         self._changed = threading.Condition()
@@ -45,6 +46,8 @@ class MqttBus:
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
         self._asked: dict[int, tuple[str, ...]] = {}
+        self._retaining = threading.Lock()
+        self._retained: dict[str, bytes | bytearray] = {}  # a broker that was started anew knows none of it
         self._unsent_messages = self._unsent_bytes = 0
         self._connected = False
         self._lost_at_s = time.monotonic()
@@ -61,6 +64,7 @@ class MqttBus:
         will: tuple[str, bytes] | None = None,
         keepalive_s: int = 60,
         connect_timeout_s: float = 30.0,
+        meter: Meter | None = None,
     ) -> Self:
         """Connect, and keep connected until `close`. `will` is (topic, payload), retained, QoS 1.
 
@@ -68,12 +72,13 @@ class MqttBus:
             url: mqtt://[user:password@]host[:1883].
             client: plain name, such as `agent-3`; the id on the wire has a random suffix.
             connect_timeout_s: how long a broker may be away, now or later, before that is an error.
+            meter: one to go on counting with; default a new one.
 
         Raises:
             ConfigurationError: the URL is malformed.
             BrokerUnreachableError: no broker answered in time, or it refused the client.
         """
-        bus = cls(parse_url(url), client, connect_timeout_s)
+        bus = cls(parse_url(url), client, connect_timeout_s, meter)
         if will is not None:
             bus._paho.will_set(will[0], will[1], qos=1, retain=True)
         bus._paho.connect_async(bus._address.host, bus._address.port, keepalive_s)
@@ -113,14 +118,13 @@ class MqttBus:
     def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
         """Queue a message for sending. Waits only while 64 MB or 10 000 messages have not been sent."""
         self._wait_for(self._has_room)
-        size = len(payload)
-        with self._changed:
-            self._unsent_messages += 1
-            self._unsent_bytes += size
         data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
-        info = self._paho.publish(topic, data, qos, retain)
-        if qos == 0 and info.rc == MQTT_ERR_NO_CONN:
-            self._on_settled(size)
+        if not retain:
+            self._send(topic, data, qos, retain=False)
+            return
+        with self._retaining:  # a new connection must not put an older word after this one
+            self._retained[topic] = data
+            self._send(topic, data, qos, retain=True)
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
@@ -146,6 +150,14 @@ class MqttBus:
             self.unsubscribe(*self._filters)
         finally:
             self._stop()
+
+    def _send(self, topic: str, data: bytes | bytearray, qos: int, *, retain: bool) -> None:
+        with self._changed:
+            self._unsent_messages += 1
+            self._unsent_bytes += len(data)
+        info = self._paho.publish(topic, data, qos, retain)
+        if qos == 0 and info.rc == MQTT_ERR_NO_CONN:
+            self._on_settled(len(data))
 
     # In the user's thread
 
@@ -210,9 +222,14 @@ class MqttBus:
                 self._failure = BrokerUnreachableError(f"broker {self._address} refused the connection: {reason}")
             else:
                 self._connected = True
+                self.connections += 1
                 if self._filters:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
+        if self.connections > 1 and not reason.is_failure:
+            with self._retaining:
+                for topic, payload in self._retained.items():
+                    self._send(topic, payload, 1, retain=True)
 
     def _on_unreachable(self, error: OSError) -> None:
         self._why_lost = error.strerror or str(error)

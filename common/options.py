@@ -19,3 +19,6 @@ SetOption = Annotated[
     typer.Option("--set", envvar="JOULESWARM_SET", help="Change the scenario: section.key=value. May be repeated."),
 ]
 VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")]
+KeepStateOption = Annotated[
+    bool, typer.Option("--keep-state", envvar="JOULESWARM_KEEP_STATE", help="Leave the --state folder at the end too.")
+]

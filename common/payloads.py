@@ -82,6 +82,20 @@ class RoundRequest(Header):
     last: int = Field(ge=0)
 
 
+class Acknowledgement(Header):
+    """The recorder has written down what was published on `topic`."""
+
+    topic: str
+
+
+class Claim(Header):
+    """A process that is somebody: two cannot be the same robot."""
+
+    agent: int = Field(ge=0)
+    who: str = Field(description="random name of the process")
+    holds: bool = Field(False, description="the answer of one that was there before")
+
+
 class Episode(Header):
     """A robot's greedy episode with the data center's model of a round (centralized learning)."""
 

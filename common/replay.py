@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from common.state import State
+
+_KEPT = ("actions", "rewards", "terminated", "complete")
 
 
 class Batch(NamedTuple):
@@ -21,8 +26,10 @@ class Batch(NamedTuple):
 class Replay:
     """The newest `size` frames in a ring. Call `observe`, `act`, `observe`, `act`, ... in the order of time."""
 
-    def __init__(self, size: int, height: int, width: int) -> None:
-        self._frames = np.zeros((size, height, width, 4), np.uint8)
+    def __init__(self, size: int, height: int, width: int, file: Path | None = None) -> None:
+        """`file`: where the frames are kept. A round that is done again writes the same frames to the same places, so
+        that the frames of the file fit any state since its beginning of that round."""
+        self._frames = _frames(file, (size, height, width, 4))
         self._actions = np.zeros(size, np.int64)
         self._rewards = np.zeros(size, np.float32)
         self._terminated = np.zeros(size, np.float32)
@@ -51,6 +58,19 @@ class Replay:
         self._terminated[last] = terminated
         self._complete[last] = terminated
 
+    def state(self) -> State:
+        """All but the frames, which must have a file."""
+        if isinstance(self._frames, np.memmap):
+            self._frames.flush()
+        arrays = {name: getattr(self, f"_{name}") for name in _KEPT}
+        return State(arrays, {"written": self._written})
+
+    def load_state(self, state: State) -> None:
+        """Go on from a state of this memory and its file."""
+        for name in _KEPT:
+            getattr(self, f"_{name}")[:] = state.arrays[name]
+        self._written = state.values["written"]
+
     def sample(self, batch_size: int, rng: np.random.Generator, newest: int | None = None) -> Batch:
         """`batch_size` transitions drawn with replacement, of the `newest` frames only if given."""
         slots = np.flatnonzero(self._complete)
@@ -65,3 +85,13 @@ class Replay:
             self._frames[(chosen + 1) % len(self._frames)],
             self._terminated[chosen],
         )
+
+
+def _frames(file: Path | None, shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+    if file is None:
+        return np.zeros(shape, np.uint8)
+    size = int(np.prod(shape))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a+b") as held:
+        held.truncate(size)  # zeros at first; of a file of this size nothing is changed
+    return np.memmap(file, np.uint8, "r+", shape=shape)

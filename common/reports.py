@@ -1,13 +1,22 @@
-"""What processes tell the recorder: rows of the run log, and their final byte counters."""
+"""What processes tell the recorder: rows of the run log, learned models, and their final byte counters.
+
+Rows go out as they are made, for who watches; that they are all written down is sure only by the report at the end,
+which holds them all and is sent until the recorder has acknowledged it. Without a recorder nobody waits for one.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
 from common import topics
-from common.bus import Bus
+from common.bus import Message, Payload
+from common.lines import whole_lines
+from common.listener import Listener
 from common.meter import MeterRow
-from common.payloads import encode_json
+from common.payloads import Acknowledgement, Presence, decode_json, encode_json
 from common.runlog import RoundRow
 
 
@@ -21,26 +30,68 @@ class Telemetry(BaseModel):
 
 
 class MeterReport(BaseModel):
-    """A client's counters at its end."""
+    """A client's counters and rows at its end."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     client: str
     rows: list[MeterRow]
+    rounds: list[RoundRow]
 
 
-def publish_row(bus: Bus, run: str, row: RoundRow) -> None:
-    """Send one row to the recorder."""
-    telemetry = Telemetry(row=row, received=bus.meter.totals("in"))
-    bus.publish(topics.telemetry(run, row.arm, bus.client), encode_json(telemetry))
+class Reporter:
+    """A process's line to the recorder."""
+
+    def __init__(self, listener: Listener, run: str, rows: Path | None = None) -> None:
+        """`rows`: a file that keeps the rows, for a process that was killed."""
+        self._listener, self._bus, self._run, self._file = listener, listener.bus, run, rows
+        self._rows = {row.sort_key(): row for row in _kept(rows)}
+        self._acknowledged: set[str] = set()
+        self._recorded = False
+        listener.handlers |= {"ack": self._take_acknowledgement, "here": self._take_recorder}
+        self._bus.subscribe(topics.recorder(run), topics.acknowledgement(run, self._bus.client))
+
+    def row(self, row: RoundRow) -> None:
+        """Tell a row, and keep it for the end."""
+        self._rows[row.sort_key()] = row
+        if self._file is not None:
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(row.model_dump_json() + "\n")
+        telemetry = Telemetry(row=row, received=self._bus.meter.totals("in"))
+        self._bus.publish(topics.telemetry(self._run, row.arm, self._bus.client), encode_json(telemetry))
+
+    def deliver(self, topic: str, payload: Payload) -> None:
+        """Give the recorder, if there is one, something that it must not miss."""
+        self._acknowledged.discard(topic)
+
+        def send() -> None:
+            self._bus.publish(topic, payload)
+
+        send()
+        self._listener.until(lambda: self._is_known(topic), lambda: f"the recorder to take {topic}", send)
+
+    def leave(self, filters: Sequence[str], presence: str) -> None:
+        """Hear nothing more, then hand in rows and byte counters, final from there on, and disconnect."""
+        if filters:
+            self._bus.unsubscribe(*filters)
+        self._bus.publish(presence, b"", retain=True)
+        self._bus.flush()
+        # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
+        topic = topics.meter_report(self._run, self._bus.client)
+        report = MeterReport(client=self._bus.client, rows=self._bus.meter.rows(), rounds=list(self._rows.values()))
+        self.deliver(topic, encode_json(report))
+        self._bus.close()
+
+    def _is_known(self, topic: str) -> bool:
+        return topic in self._acknowledged or not self._recorded
+
+    def _take_acknowledgement(self, message: Message) -> None:
+        self._acknowledged.add(decode_json(message.payload, Acknowledgement).topic)
+
+    def _take_recorder(self, message: Message) -> None:
+        self._recorded = bool(message.payload) and decode_json(message.payload, Presence).state == "here"
 
 
-def leave(bus: Bus, run: str, filters: list[str], presence: str) -> None:
-    """Hear nothing more, then hand in the byte counters, final from there on, and disconnect."""
-    if filters:
-        bus.unsubscribe(*filters)
-    bus.publish(presence, b"", retain=True)
-    bus.flush()
-    report = MeterReport(client=bus.client, rows=bus.meter.rows())
-    bus.publish(topics.meter_report(run, bus.client), encode_json(report))
-    bus.close()
+def _kept(file: Path | None) -> list[RoundRow]:
+    """Rows that an earlier life of the process has kept."""
+    return [] if file is None else [RoundRow.model_validate_json(line) for line in whole_lines(file)]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from common.state import State
+
 
 class RewardLedger:
     """Every robot's episode reward of every round, spread from neighbour to neighbour with the weights.
@@ -42,3 +44,11 @@ class RewardLedger:
         if settled < 1:
             return None
         return sum(self.running_reward(agent, settled) for agent in self._cluster) / len(self._cluster)
+
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
+        return State(values={str(agent): sorted(rounds.items()) for agent, rounds in self._rewards.items()})
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        self._rewards = {int(agent): dict(rounds) for agent, rounds in state.values.items()}

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -19,8 +18,13 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from common.bus import Payload
-from common.errors import ConfigurationError, RunError
+from common.errors import ConfigurationError
+from common.lines import whole_lines
 from common.meter import MeterRow
+from common.state import write_durably
+
+STATE = "state"
+"""Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
 MANIFEST, ROUNDS, METER, PROGRESS, SUMMARY = (
     "manifest.json",
@@ -69,16 +73,23 @@ class RoundRow(BaseModel):
 class RunDirectory:
     """Append-only writer of one run. Lines are whole on disk before the next one is begun."""
 
-    def __init__(self, path: Path) -> None:
-        """Make the directory.
+    def __init__(self, path: Path, *, resume: bool = False) -> None:
+        """Make the directory, or go on with one.
 
         Raises:
-            ConfigurationError: it exists and is not empty; nothing is ever written over.
+            ConfigurationError: it exists and is not empty (nothing is ever written over), or is none to go on with.
         """
-        if path.exists() and any(path.iterdir()):
+        if resume and not (path / MANIFEST).exists():
+            raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
+        if not resume and path.exists() and any(path.iterdir()):
             raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
         self.path = path
-        self._rows: list[RoundRow] = []
+        kept = whole_lines(path / ROUNDS) if resume else []
+        self._rows = {row.sort_key(): row for row in map(RoundRow.model_validate_json, kept)}
+        if resume:
+            whole_lines(path / PROGRESS)
+            for name in (METER, SUMMARY):  # of a run that was interrupted
+                (path / name).unlink(missing_ok=True)
         (path / "weights").mkdir(parents=True, exist_ok=True)
 
     def manifest(self, manifest: dict[str, Any]) -> None:
@@ -86,9 +97,10 @@ class RunDirectory:
         self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
 
     def round(self, row: RoundRow) -> None:
-        """Append a row."""
-        self._rows.append(row)
-        self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+        """Append a row; one that is there already, told again by a process that was killed, is left out."""
+        if row.sort_key() not in self._rows:
+            self._rows[row.sort_key()] = row
+            self._append(ROUNDS, row.model_dump_json(exclude_none=False))
 
     def progress(self, row: dict[str, Any]) -> None:
         """Append a point of the byte curves."""
@@ -100,35 +112,23 @@ class RunDirectory:
 
     def summary(self, summary: dict[str, Any]) -> None:
         """Write the summary, and the rows in their final order."""
-        ordered = sorted(self._rows, key=RoundRow.sort_key)
+        ordered = sorted(self._rows.values(), key=RoundRow.sort_key)
         self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
         self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
 
     def weights(self, name: str, payload: Payload) -> None:
         """Keep a model, as it came from the bus, as weights/<name>.safetensors."""
         path = self.path / "weights" / f"{name}.safetensors"
-        _write_atomically(path, payload)
+        write_durably(path, payload)
 
     @property
     def rows(self) -> list[RoundRow]:
         """Rows written so far, in order of arrival."""
-        return list(self._rows)
+        return list(self._rows.values())
 
     def _append(self, name: str, line: str) -> None:
         with (self.path / name).open("a", encoding="utf-8") as file:
             file.write(line + "\n")
 
     def _replace(self, name: str, text: str) -> None:
-        _write_atomically(self.path / name, text.encode())
-
-
-def _write_atomically(path: Path, content: Payload) -> None:
-    temporary = path.with_suffix(path.suffix + ".part")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {error.strerror}") from error
+        write_durably(self.path / name, text.encode())

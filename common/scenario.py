@@ -155,14 +155,19 @@ class Scenario(Section):
 def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario file and apply `section.key=value` overrides (values are TOML, or plain text).
 
+    A run's manifest.json is a scenario file too: the run's own, resolved.
+
     Raises:
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)
     except OSError as error:
         raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"scenario {path}: not valid TOML: {error}") from error
     for override in overrides:

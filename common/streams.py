@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from common.codecs import Array, Shapes, Tensors, Weights, WeightsCodec, decode, encode
 from common.payloads import ModelHeader, encode_model
+from common.state import State
 
 
 class WeightsEncoder:
@@ -37,6 +38,14 @@ class WeightsEncoder:
         """Receivers hold this model now, known to them from elsewhere; the next message builds on it."""
         self._public = public
 
+    def state(self) -> State:
+        """See `common.state.Stateful`. What a lossless codec tells does not depend on what was told before."""
+        return State() if self.codec.is_lossless or self._public is None else State(dict(self._public))
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        self._public = state.arrays or None
+
 
 class WeightsDecoder:
     """One receiver's side of one sender's messages of one arm. Each must be decoded once, in the order of rounds."""
@@ -57,3 +66,11 @@ class WeightsDecoder:
     def rebase(self, public: Weights) -> None:
         """See `WeightsEncoder.rebase`."""
         self._public = public
+
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
+        return State() if self._codec.is_lossless or self._public is None else State(dict(self._public))
+
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        self._public = state.arrays or None

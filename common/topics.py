@@ -18,6 +18,8 @@ Level = int | str  # an id, or "+" in a filter
 
 SHARED = "all"  # the arm level of control traffic that serves every arm
 
+RECORDER = "recorder"
+
 # The broker's cumulative counters (retained) and the request for a fresh copy. A report cannot count
 # itself, so neither these nor `meter_report` topics are ever metered.
 BROKER_METER = f"{ROOT}/meter/broker"
@@ -135,6 +137,21 @@ def snapshot(run: str, arm: str, round_: Level) -> str:
 def meter_report(run: str, client: str) -> str:
     """A client's final byte counters."""
     return f"{ROOT}/{run}/meter/{client}"
+
+
+def recorder(run: str) -> str:
+    """Retained: a recorder is there, and acknowledges what it has written down; its last will too."""
+    return f"{ROOT}/{run}/meter/{RECORDER}/here"
+
+
+def acknowledgement(run: str, client: str) -> str:
+    """What the recorder has written down of a client's. As of reports, nobody's counters hold it."""
+    return f"{ROOT}/{run}/meter/{client}/ack"
+
+
+def claim(run: str, task: int, agent: int) -> str:
+    """A process claims to be robot `agent` (0: the data center); one that is answers on the same topic."""
+    return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/claim"
 
 
 def link_of(topic: str) -> Link | None:

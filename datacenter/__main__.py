@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 
 from common.memory import keep_freed_memory
-from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
+from common.options import (
+    DEFAULT_BROKER,
+    BrokerOption,
+    KeepStateOption,
+    RunOption,
+    ScenarioOption,
+    SetOption,
+    VerboseOption,
+)
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -23,6 +31,7 @@ def main(
         Path | None,
         typer.Option(envvar="JOULESWARM_STATE", help="Folder for a checkpoint each round; resumes from one it holds."),
     ] = None,
+    keep_state: KeepStateOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
@@ -37,6 +46,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError
+        from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
@@ -54,8 +64,9 @@ def main(
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
+            meter=Meter("client", state),
         )
-        run_datacenter(settings, name, bus, state)
+        run_datacenter(settings, name, bus, state, keep_state=keep_state)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from common.bus import Payload
 from common.errors import PayloadError
 from common.learner import Learner
@@ -9,6 +11,7 @@ from common.payloads import ModelHeader
 from common.qnetwork import build_qnetwork, to_weights
 from common.scenario import Scenario
 from common.seeding import integer, stream
+from common.state import State
 from common.streams import WeightsEncoder
 from datacenter.cluster_desk import Turn
 from datacenter.motions import Motion, read_motion, remember
@@ -21,8 +24,9 @@ class CentralLearner:
 
     word = "experience"
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
+        """`folder`: for the frames of the replay memories."""
+        self._scenario, self._folder = scenario, folder
         self.per_robot = scenario.learning.motions_per_round
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
@@ -50,10 +54,20 @@ class CentralLearner:
         header = ModelHeader(task=turn.task, agent=0, round=turn.round)
         return self._encoders[turn.task].payload(learner.weights(), header), gradients
 
+    def state(self, task: int) -> State:
+        """See `datacenter.cluster_desk.Service`."""
+        return State.of({"learner": self._learners[task].state(), "encoder": self._encoders[task].state()})
+
+    def load_state(self, task: int, state: State) -> None:
+        """See `datacenter.cluster_desk.Service`."""
+        self._learners[task].load_state(state.part("learner"))
+        self._encoders[task].load_state(state.part("encoder"))
+
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario
         # All robots' transitions in one memory, of the size that theirs have together.
         size = scenario.learning.replay_size * len(scenario.cluster(task))
         settings = scenario.learning.model_copy(update={"replay_size": size})
         weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
-        return Learner(scenario.network, settings, weights, stream(scenario.seed, METHOD, "learn", task))
+        frames = self._folder / f"frames-{task}.bin" if self._folder else None
+        return Learner(scenario.network, settings, weights, stream(scenario.seed, METHOD, "learn", task), frames)

@@ -3,123 +3,86 @@
 from __future__ import annotations
 
 import contextlib
-import os
-from collections.abc import Iterable
+import hashlib
 from pathlib import Path
 
-import numpy as np
-import safetensors
-import safetensors.numpy
-import safetensors.torch
-
-from common.errors import RunError
-from common.payloads import MotionHeader
-from datacenter.metalearner import MetaLearner
-from datacenter.motions import Motion
+from common.scenario import Scenario
+from common.state import State, StateFile, Stateful, write_durably
 
 _FINISHED = "finished"
 
-RoundMotions = dict[int, list[list[Motion]]]
-
 
 class Checkpoint:
-    """A folder: one safetensors file of state, replaced each round, and one file of experience a round."""
+    """One method's folder: a state for each part that learns by itself, replaced each round. None remembers nothing."""
 
-    def __init__(self, folder: Path | None) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path | None, owner: str = "") -> None:
+        """`owner`: see `owner_of`."""
+        self.folder, self._owner = folder, owner
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
 
-    def save(self, round_: int, learner: MetaLearner, motions: RoundMotions) -> None:
-        """Keep round `round_`; the state is written last, and whole or not at all."""
-        if self._folder is None:
-            return
-        frames, headers = {}, {}
-        for task, robots in motions.items():
-            for index, each in enumerate(robots):
-                frames[f"{task}/{index}"] = np.stack([motion.frame for motion in each])
-                headers[f"{task}/{index}"] = "\n".join(motion.header.model_dump_json(by_alias=True) for motion in each)
-        self._write(f"round-{round_:05d}", safetensors.numpy.save(frames, metadata=headers))
-        self._write(
-            "state",
-            safetensors.torch.save(learner.state(), metadata={"round": str(round_), "scenario": learner.fingerprint}),
-        )
+    def save(self, round_: int, state: State, part: str = "state") -> None:
+        """Keep where `part` stands after `round_`; whole or not at all."""
+        if self.folder is not None:
+            self._file(part).save(State.of({"learned": state, "done": State(values={"round": round_})}))
+
+    def load(self, part: str = "state") -> tuple[int, State] | None:
+        """The last whole round of `part` and its state.
+
+        Raises:
+            RunError: the folder holds another scenario's, or it is damaged.
+        """
+        state = self._file(part).load() if self.folder is not None else None
+        return None if state is None else (state.part("done").values["round"], state.part("learned"))
+
+    def restore(self, learner: Stateful) -> int:
+        """Bring `learner` to where the last whole round left it; returns that round, 0 without any.
+
+        Raises:
+            RunError: as `load`.
+        """
+        found = self.load()
+        if found is None:
+            return 0
+        learner.load_state(found[1])
+        return found[0]
 
     def keep_model(self, round_: int, payload: bytes) -> None:
         """Keep a meta-model that goes down when the stage is over."""
-        if self._folder is not None:
-            self._write(f"model-{round_:05d}", payload)
+        if self.folder is not None:
+            write_durably(self.folder / f"model-{round_:05d}.safetensors", payload)
 
     def models(self) -> dict[int, bytes]:
         """Round -> meta-model kept, of rounds before the one that `restore` goes on from."""
-        paths = sorted(self._folder.glob("model-*.safetensors")) if self._folder else []
+        paths = sorted(self.folder.glob("model-*.safetensors")) if self.folder else []
         return {int(path.stem.removeprefix("model-")): path.read_bytes() for path in paths}
 
     @property
     def is_finished(self) -> bool:
-        """Whether this stage was finished, and the robots have its models."""
-        return self._folder is not None and (self._folder / _FINISHED).exists()
-
-    def restore(self, learner: MetaLearner) -> int:
-        """Bring `learner` to where the last whole round left it; returns that round, 0 without any.
-
-        Raises:
-            RunError: the folder holds another scenario's state.
-        """
-        path = self._folder / "state.safetensors" if self._folder else None
-        if path is None or not path.exists():
-            return 0
-        try:
-            with safetensors.safe_open(path, framework="pt") as file:
-                metadata = file.metadata()
-                if metadata["scenario"] != learner.fingerprint:
-                    raise ValueError("it is another scenario's")
-                round_ = int(metadata["round"])
-                learner.load_state({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
-            for past in range(1, round_ + 1):
-                for task, motions in self._experience(past):
-                    learner.remember(task, motions)
-        except (KeyError, ValueError, RuntimeError, OSError, safetensors.SafetensorError) as error:
-            raise RunError(
-                f"checkpoint {self._folder}: does not fit this scenario ({error}); name another folder with --state"
-            ) from error
-        return round_
+        """Whether this method's stage was finished, and the robots have its models."""
+        return self.folder is not None and (self.folder / _FINISHED).exists()
 
     def finish(self) -> None:
-        """The stage is over and the meta-models are with the robots: forget all but that."""
-        if self._folder is not None:
-            (self._folder / _FINISHED).touch()
-            for path in self._folder.glob("*.safetensors"):
-                path.unlink()
+        """The stage is over and its models are with the robots: forget all but that."""
+        if self.folder is not None:
+            (self.folder / _FINISHED).touch()
+            for pattern in ("*.safetensors", "*.bin", "*.part"):
+                for path in self.folder.glob(pattern):
+                    path.unlink()
 
     def clear(self) -> None:
         """The run is over: leave no trace."""
-        if self._folder is not None:
-            (self._folder / _FINISHED).unlink(missing_ok=True)
+        if self.folder is not None:
+            (self.folder / _FINISHED).unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # somebody else's files may be in it
-                self._folder.rmdir()
+                self.folder.rmdir()
 
-    def _experience(self, round_: int) -> Iterable[tuple[int, list[Motion]]]:
-        assert self._folder is not None
-        path = self._folder / f"round-{round_:05d}.safetensors"
-        with safetensors.safe_open(path, framework="np") as file:
-            headers = file.metadata()
-            for name in sorted(file.keys(), key=lambda each: tuple(map(int, each.split("/")))):
-                lines = headers[name].splitlines()
-                frames = file.get_tensor(name)
-                yield (
-                    int(name.split("/")[0]),
-                    [
-                        Motion(frame, MotionHeader.model_validate_json(line))
-                        for frame, line in zip(frames, lines, strict=True)
-                    ],
-                )
+    def _file(self, part: str) -> StateFile:
+        assert self.folder is not None
+        return StateFile(self.folder / f"{part}.safetensors", self._owner)
 
-    def _write(self, name: str, content: bytes) -> None:
-        assert self._folder is not None
-        part = self._folder / f"{name}.part"
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(self._folder / f"{name}.safetensors")
+
+def owner_of(scenario: Scenario, run: str, method: str) -> str:
+    """Of all that a method's state depends on: it goes on bit by bit only where this is the same."""
+    settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
+    return hashlib.sha256(f"{run} {method} {settings}".encode()).hexdigest()

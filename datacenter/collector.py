@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import time
+import itertools
 
 from common import topics
-from common.bus import Bus, Message
+from common.bus import Message
 from common.errors import PayloadError
+from common.listener import Listener
 from common.payloads import RoundRequest, decode_json, encode_json
 from common.scenario import Scenario
-from datacenter.desk import Desk, log
+from datacenter.desk import Desk
 from datacenter.motions import Motion, read_motion
 
 
 class Collector(Desk):
     """Receives the training robots' experience for one meta method, and asks again for what is missing."""
 
-    def __init__(self, bus: Bus, scenario: Scenario, run: str, method: str) -> None:
-        super().__init__(bus, scenario, run, method)
+    def __init__(self, listener: Listener, scenario: Scenario, run: str, method: str) -> None:
+        super().__init__(listener, scenario, run, method)
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
         self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
         self._asked_for_model: dict[tuple[str, int], None] = {}  # in the order of asking, each once
@@ -39,15 +40,12 @@ class Collector(Desk):
 
     def collect(self, round_: int) -> dict[int, list[list[Motion]]]:
         """Training task -> one list of motions, in order, for each of its robots."""
-        wait_s, quiet_from, quiet_spells = self._scenario.bus.resend_after_s, time.monotonic(), 0
-        while missing := self._missing(round_):
-            if self.take_next(wait_s):
-                quiet_from, quiet_spells = time.monotonic(), 0
-            elif time.monotonic() - quiet_from >= wait_s:
-                log.info("waiting for round %d of robots %s", round_, missing)
-                quiet_spells += 1
-                self._ask_again(round_, missing, begun_only=quiet_spells == 1)
-                quiet_from = time.monotonic()
+        asked = itertools.count(1)
+        self._listener.until(
+            lambda: not self._missing(round_),
+            lambda: f"round {round_} of robots {self._missing(round_)}",
+            lambda: self._ask_again(round_, self._missing(round_), begun_only=next(asked) == 1),
+        )
         self._collected = round_
         arrived = self._motions.pop(round_)
         return {
@@ -60,7 +58,7 @@ class Collector(Desk):
         while not self._asked_for_model:
             if self.all_reached(stage):
                 return None
-            self.take_next(self._scenario.bus.resend_after_s)
+            self._listener.take_next(self._scenario.bus.resend_after_s)
         asked, self._asked_for_model = self._asked_for_model, {}
         return list(asked)
 
@@ -102,6 +100,8 @@ class Collector(Desk):
                 f"experience of round {header.round}, motion {header.motion}; expected rounds up to "
                 f"{min(self._collected + 2, t0)} and motions below {motions}"
             )
-        if header.round > self._collected:
-            arrived = self._motions.setdefault(header.round, {}).setdefault(header.agent, {})
-            arrived[header.motion] = read
+        arrived = self._motions.get(header.round, {}).get(header.agent, {})
+        if header.round <= self._collected or header.motion in arrived:
+            self.repeated(message)
+        else:
+            self._motions.setdefault(header.round, {}).setdefault(header.agent, {})[header.motion] = read

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 
 from common import topics
-from common.bus import Bus, Message
-from common.errors import PayloadError
+from common.bus import Message
+from common.listener import Listener
 from common.payloads import Presence, decode_json
 from common.scenario import Scenario
 
@@ -16,14 +16,19 @@ log = logging.getLogger("jouleswarm.datacenter")
 class Desk:
     """One arm's or method's subscriptions, and how far each robot has come (see agents/agent.py)."""
 
-    def __init__(self, bus: Bus, scenario: Scenario, run: str, arm: str) -> None:
-        self._bus, self._scenario, self._run, self._arm = bus, scenario, run, arm
+    def __init__(self, listener: Listener, scenario: Scenario, run: str, arm: str) -> None:
+        self._listener, self._bus, self._scenario, self._run, self._arm = listener, listener.bus, scenario, run, arm
         self._stages: dict[int, int] = dict.fromkeys(scenario.agents, -1)
-        self.refused = 0
         self.subscriptions = [topics.presence(run, scenario.task_of(agent), agent) for agent in scenario.agents]
+
+    @property
+    def refused(self) -> int:
+        """Messages refused so far."""
+        return self._listener.refused
 
     def listen(self) -> None:
         """Begin to hear."""
+        self._listener.otherwise = self.take
         self._bus.subscribe(*self.subscriptions, qos=self._scenario.bus.qos)
 
     def leave(self) -> None:
@@ -34,17 +39,9 @@ class Desk:
         """Whether every robot of the scenario has come as far as `stage`."""
         return all(reached >= stage for reached in self._stages.values())
 
-    def take_next(self, timeout_s: float) -> bool:
-        """Take one message; one that is not what its topic promises is refused and counted. False after a timeout."""
-        message = self._bus.receive(timeout_s)
-        if message is None:
-            return False
-        try:
-            self.take(message)
-        except PayloadError as error:
-            self.refused += 1
-            log.warning("refused a message on %s: %s", message.topic, error)
-        return True
+    def repeated(self, message: Message) -> None:
+        """Book a message that had come before."""
+        self._listener.repeated(message, self._scenario.bus.qos)
 
     def take(self, message: Message) -> None:
         """Sort one message into place: here a robot's presence.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch import Tensor
 
 from common.errors import TrainingError
 from common.metaheads import head_of
@@ -18,6 +17,7 @@ from common.qnetwork import build_qnetwork
 from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
+from common.state import State
 from datacenter.maml import (
     Loss,
     Params,
@@ -50,7 +50,8 @@ class Batches(NamedTuple):
 class MetaLearner:
     """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(self, scenario: Scenario, method: Method) -> None:
+    def __init__(self, scenario: Scenario, method: Method, folder: Path | None = None) -> None:
+        """`folder`: for the frames of the replay memories, for who wants to go on from a state."""
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
@@ -63,7 +64,12 @@ class MetaLearner:
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()} for task in tasks
         }
         network = scenario.network
-        self._replays = {task: Replay(self._settings.replay_size, network.height, network.width) for task in tasks}
+        self._replays = {
+            task: Replay(
+                self._settings.replay_size, network.height, network.width, folder and folder / f"frames-{task}.bin"
+            )
+            for task in tasks
+        }
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
@@ -99,34 +105,34 @@ class MetaLearner:
         """A copy of the meta-model's parameters, as it goes down (see `MetaModel.weights`)."""
         return self.meta_model.weights()
 
-    @property
-    def fingerprint(self) -> str:
-        """Of all that the training depends on: a state goes on bit by bit only where this is the same."""
-        settings = self._scenario.model_dump_json(exclude={"name", "energy", "bus"})
-        return hashlib.sha256(f"{self._method} {settings}".encode()).hexdigest()
-
-    def state(self) -> dict[str, Tensor]:
-        """Everything that `load_state` needs to go on, as named tensors (replay apart)."""
+    def state(self) -> State:
+        """See `common.state.Stateful`."""
         state = {f"model/{name}": value.detach() for name, value in self._leaves.items()}
         for task, target in self._targets.items():
             state |= {f"target/{task}/{name}": value for name, value in target.items()}
         for name, leaf in self._leaves.items():
             state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
-        return {name: value.cpu().contiguous() for name, value in state.items()}
+        tensors = State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
+        return State.of(
+            {"learner": tensors, **{f"replay-{task}": held.state() for task, held in self._replays.items()}}
+        )
 
-    def load_state(self, state: dict[str, Tensor]) -> None:
-        """Take up a state saved by `state`."""
+    def load_state(self, state: State) -> None:
+        """See `common.state.Stateful`."""
+        found = {name: torch.from_numpy(np.array(array)) for name, array in state.part("learner").arrays.items()}
         for task, target in self._targets.items():
             for name, value in target.items():
-                value.copy_(state[f"target/{task}/{name}"])
+                value.copy_(found[f"target/{task}/{name}"])
         for name, leaf in self._leaves.items():
             with torch.no_grad():
-                leaf.copy_(state[f"model/{name}"])
-            moments = {key: state[f"adam/{name}/{key}"].clone() for key in ("step", "exp_avg", "exp_avg_sq")}
+                leaf.copy_(found[f"model/{name}"])
+            moments = {key: found[f"adam/{name}/{key}"] for key in ("step", "exp_avg", "exp_avg_sq")}
             self._optimizer.state[leaf] = {
                 key: value.to(leaf.device) if key == "step" else torch.empty_like(leaf).copy_(value)
                 for key, value in moments.items()
             }
+        for task, held in self._replays.items():
+            held.load_state(state.part(f"replay-{task}"))
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from common.payloads import ModelHeader, read_model
 from common.qnetwork import build_qnetwork, shapes_of
 from common.rewards import RewardLedger
 from common.scenario import Scenario
+from common.state import State
 from common.streams import WeightsDecoder, WeightsEncoder
 from datacenter.cluster_desk import Turn
 
@@ -28,7 +30,9 @@ class ParameterServer:
 
     word, per_robot = "weights", 1
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
+        """`folder`: not needed, everything is in `state`."""
+        self._clusters = scenario.clusters
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
         self._codec = scenario.federation.weights_codec
         window = scenario.federation.reward_window
@@ -68,6 +72,22 @@ class ParameterServer:
         models = [self._decoders[agent].decode(tensors) for agent, (tensors, _) in arrived.items()]
         average = weighted_average(models, [header.samples for header in headers])
         return self._told(turn.task, average, header, list(arrived)), 0
+
+    def state(self, task: int) -> State:
+        """See `datacenter.cluster_desk.Service`."""
+        decoders = {f"decoder-{agent}": self._decoders[agent].state() for agent in self._clusters[task]}
+        untold = State(dict(self._untold.get(task, {})))
+        ledger, encoder = self._ledgers[task].state(), self._encoders[task].state()
+        return State.of({"ledger": ledger, "encoder": encoder, "untold": untold, **decoders})
+
+    def load_state(self, task: int, state: State) -> None:
+        """See `datacenter.cluster_desk.Service`."""
+        self._ledgers[task].load_state(state.part("ledger"))
+        self._encoders[task].load_state(state.part("encoder"))
+        if untold := state.part("untold").arrays:
+            self._untold[task] = untold
+        for agent in self._clusters[task]:
+            self._decoders[agent].load_state(state.part(f"decoder-{agent}"))
 
     def _told(self, task: int, average: Weights, header: ModelHeader, robots: Sequence[int]) -> bytes:
         """The message that brings a cluster's robots to `average`, or as near as it can."""

@@ -7,40 +7,77 @@ import time
 from pathlib import Path
 
 from common import topics
-from common.bus import Bus
-from common.methods import EXACT_METHODS, Method
-from common.payloads import ModelHeader, encode_model
-from common.reports import leave, publish_row
+from common.bus import Bus, Message
+from common.identity import Identity
+from common.listener import Listener
+from common.methods import EXACT_METHODS, META_METHODS, Method
+from common.payloads import ModelHeader, Presence, decode_json, encode_model
+from common.reports import Reporter
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
-from datacenter.checkpoint import Checkpoint, RoundMotions
+from datacenter.checkpoint import Checkpoint, owner_of
 from datacenter.collector import Collector
 from datacenter.metalearner import Gradients, MetaLearner
+from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
 
 
-def run_datacenter(scenario: Scenario, run: str, bus: Bus, state: Path | None = None) -> None:
-    """Do the data center's part of every method, in the robots' order; meta-learning resumes from `state`."""
-    checkpoints = {method: Checkpoint(state / method if state else None) for method in scenario.meta_methods}
-    for method in scenario.methods:
-        if method in checkpoints and not checkpoints[method].is_finished:
-            meta_train(scenario, method, run, bus, checkpoints[method])
-        elif method in SERVICES:
-            serve(scenario, method, run, bus)
-    for checkpoint in checkpoints.values():
-        checkpoint.clear()
-    if state is not None:
-        with contextlib.suppress(OSError):  # somebody else's files may be in it
-            state.rmdir()
-    leave(bus, run, [], topics.presence(run, 0, 0))
+def run_datacenter(
+    scenario: Scenario, run: str, bus: Bus, state: Path | None = None, *, keep_state: bool = False
+) -> None:
+    """Do the data center's part of every method, in the robots' order; with a folder `state` go on from where one was
+    killed.
+
+    Raises:
+        ConfigurationError: another process is this run's data center.
+        RunError: the folder holds another scenario's state.
+        TrainingError: a gradient is not finite.
+    """
+    listener = Listener(bus, scenario.bus.resend_after_s)
+    reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
+    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
+    listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
+    identity.claim()
+    checkpoints = {
+        method: Checkpoint(state / method if state else None, owner_of(scenario, run, method))
+        for method in scenario.methods
+        if method in (*META_METHODS, *SERVICES)
+    }
+    for method, checkpoint in checkpoints.items():
+        if not checkpoint.is_finished:
+            work = meta_train if method in META_METHODS else serve
+            work(scenario, method, run, listener, identity, reporter, checkpoint)
+            bus.meter.flush()
+    reporter.leave(identity.filters, topics.presence(run, 0, 0))
+    if not keep_state:
+        _forget(state, checkpoints)
 
 
-def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoint: Checkpoint) -> None:
+def hear_presence(message: Message, listener: Listener, identity: Identity) -> None:
+    """Presence of the data center itself is its identity's; robots' are the open desk's."""
+    own = bool(message.payload) and (presence := decode_json(message.payload, Presence)).agent == 0
+    if own:
+        identity.heard(presence)
+    else:
+        listener.otherwise(message)
+
+
+def meta_train(
+    scenario: Scenario,
+    method: Method,
+    run: str,
+    listener: Listener,
+    identity: Identity,
+    reporter: Reporter,
+    checkpoint: Checkpoint,
+) -> None:
     """Collect experience and meta-train for t0 rounds, send meta-models down, stay until all robots have them."""
-    settings, arms = scenario.meta, {arm.t0: arm for arm in scenario.arms if arm.method == method}
-    learner, collector = MetaLearner(scenario, method), Collector(bus, scenario, run, method)
+    bus, settings = listener.bus, scenario.meta
+    arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
+    learner = MetaLearner(scenario, method, checkpoint.folder)
+    collector = Collector(listener, scenario, run, method)
     done, models = checkpoint.restore(learner), checkpoint.models()
     collector.join(done)
     beta = None
@@ -57,13 +94,13 @@ def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoin
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
             weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            bus.publish(topics.snapshot(run, method, round_), encode_model(weights, header))
+            reporter.deliver(topics.snapshot(run, method, round_), encode_model(weights, header))
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.
                 models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
                 checkpoint.keep_model(round_, models[round_])
-        checkpoint.save(round_, learner, motions)
-        _report(bus, run, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
+        _report(reporter, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
+        checkpoint.save(round_, learner.state())
 
     for t0, arm in arms.items():
         bus.publish(topics.meta_model(run, arm.name), models[t0], qos=scenario.bus.qos)
@@ -78,13 +115,23 @@ def meta_train(scenario: Scenario, method: Method, run: str, bus: Bus, checkpoin
     bus.publish(topics.meta_round(run, method), b"", retain=True)
 
 
+def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
+    """The run is over: leave no trace."""
+    for checkpoint in checkpoints.values():
+        checkpoint.clear()
+    if state is not None:
+        for path in (state / "rounds.jsonl", *state.glob("counters*")):
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # somebody else's files may be in it
+            state.rmdir()
+
+
 def _report(
-    bus: Bus,
-    run: str,
+    reporter: Reporter,
     method: str,
     round_: int,
     gradients: dict[int, Gradients],
-    motions: RoundMotions,
+    motions: dict[int, list[list[Motion]]],
     refused: int,
     seconds: float,
     beta: float | None,
@@ -104,4 +151,4 @@ def _report(
             refused=refused,
             seconds=round(seconds / len(gradients), 4),
         )
-        publish_row(bus, run, row)
+        reporter.row(row)

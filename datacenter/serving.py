@@ -4,42 +4,67 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from common import topics
-from common.bus import Bus
-from common.payloads import Presence, encode_json
-from common.reports import publish_row
+from common.identity import Identity
+from common.listener import Listener
+from common.reports import Reporter
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from common.state import State
 from datacenter.central import CentralLearner
+from datacenter.checkpoint import Checkpoint
 from datacenter.cluster_desk import ClusterDesk, Service
 from datacenter.parameter_server import ParameterServer
 
-SERVICES: dict[str, Callable[[Scenario], Service[Any]]] = {"fedavg": ParameterServer, "centralized": CentralLearner}
+SERVICES: dict[str, Callable[[Scenario, Path | None], Service[Any]]] = {
+    "fedavg": ParameterServer,
+    "centralized": CentralLearner,
+}
 
 
-def serve(scenario: Scenario, method: str, run: str, bus: Bus) -> None:
+def serve(
+    scenario: Scenario,
+    method: str,
+    run: str,
+    listener: Listener,
+    identity: Identity,
+    reporter: Reporter,
+    checkpoint: Checkpoint,
+) -> None:
     """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
-    service, opened = SERVICES[method](scenario), 2 * scenario.arm_names.index(method) + 1
-    desk = ClusterDesk(bus, scenario, run, method, service, done=opened + 1)
+    service = SERVICES[method](scenario, checkpoint.folder)
+    opened = 2 * scenario.arm_names.index(method) + 1
+    desk = ClusterDesk(listener, scenario, run, method, service, done=opened + 1)
+    for task in scenario.clusters:
+        if found := checkpoint.load(f"task-{task}"):
+            service.load_state(task, found[1].part("service"))
+            desk.load_state(task, found[1].part("desk"))
     desk.listen()
     # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
-    bus.publish(topics.presence(run, 0, 0), encode_json(Presence(agent=0, stage=opened)), retain=True)
+    identity.announce(opened)
     while (turn := desk.next_round()) is not None:
         begun = time.monotonic()
         payload, gradients = service.model(turn)
         desk.answer(turn, payload)
         if gradients:
-            row = RoundRow(
-                phase="fl",
-                arm=method,
-                task=turn.task,
-                agent=0,
-                round=turn.round,
-                gradients=gradients,
-                refused=desk.refused,
-                seconds=round(time.monotonic() - begun, 4),
+            reporter.row(
+                RoundRow(
+                    phase="fl",
+                    arm=method,
+                    task=turn.task,
+                    agent=0,
+                    round=turn.round,
+                    gradients=gradients,
+                    refused=desk.refused,
+                    seconds=round(time.monotonic() - begun, 4),
+                )
             )
-            publish_row(bus, run, row)
+        if checkpoint.folder is not None:
+            state = State.of({"service": service.state(turn.task), "desk": desk.state(turn.task)})
+            checkpoint.save(turn.round, state, f"task-{turn.task}")
+        # Robots forget a round's experience when they have its model.
+        desk.send(turn.task)
+    checkpoint.finish()
     desk.leave()

@@ -36,7 +36,10 @@ def _overrides(set_: list[str] | None, seed: int | None) -> list[str]:
 
 @app.command()
 def run(
-    scenario: ScenarioFile,
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml."),
+    ] = None,
     seed: Seed = None,
     set_: SetOption = None,
     out: Out = Path("runs"),
@@ -45,19 +48,36 @@ def run(
         str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="In place of a scenario: go on with this run directory, from where it was interrupted."),
+    ] = None,
+    restarts: Annotated[
+        int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
+    ] = 20,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
-    Ctrl-C ends every process and leaves a readable run directory.
+    Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with.
     """
     from common.scenario import load_scenario
     from fleet.report import report as print_bill
-    from fleet.run import new_run_id, run_deployment
+    from fleet.run import new_run_id, resume_deployment, run_deployment
 
+    if (scenario is None) == (resume is None):
+        raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
+    if scenario is None:
+        assert resume is not None
+        if set_ or seed is not None or run_id is not None:
+            raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
+        path = resume_deployment(resume, broker, Console(), restarts)
+        print_bill(path, html=figures, figures=figures)
+        print(f"run directory: {path}")
+        return
     overrides = _overrides(set_, seed)
     settings = load_scenario(scenario, overrides)
     options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
-    path = run_deployment(settings, options, run_id or new_run_id(settings), out, broker, Console())
+    path = run_deployment(settings, options, run_id or new_run_id(settings), out, broker, Console(), restarts)
     print_bill(path, html=figures, figures=figures)
     print(f"run directory: {path}")
 

@@ -8,7 +8,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -26,11 +28,16 @@ _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREA
 class Launcher:
     """Context manager: processes started in it are ended when it is left, however it is left."""
 
-    def __init__(self, logs: Path) -> None:
-        self._logs = logs
+    def __init__(self, logs: Path, restarts: int = 0, told: Callable[[str], None] = lambda line: None) -> None:
+        """A process that a signal has ended is started again up to `restarts` times, and `told` in a line."""
+        self._logs, self._restarts, self._told = logs, restarts, told
         logs.mkdir(parents=True, exist_ok=True)
         self._broker: subprocess.Popen[str] | None = None
+        self._broker_command: list[str] = []
         self._children: dict[str, ForkServerProcess] = {}
+        self._commands: dict[str, tuple[str, list[str]]] = {}
+        self._restarted: Counter[str] = Counter()
+        self._held: dict[str, float] = {}
         # Before numpy and torch are loaded: a pool of threads made before a fork is of no use after it.
         for variable in _ARITHMETIC_THREADS:
             os.environ.setdefault(variable, "1")
@@ -66,17 +73,14 @@ class Launcher:
         Raises:
             RunError: it ended before it listened.
         """
-        command = [
-            sys.executable,
-            "-m",
-            "broker",
-            "--port",
-            "0",
-            "--metrics-port",
-            "0",
-            "--exit-with-stdin",
-            *arguments,
-        ]
+        command = [sys.executable, "-m", "broker", "--exit-with-stdin", *arguments]
+        ready = self._run_broker([*command, "--port", "0", "--metrics-port", "0"])
+        ports = {"--port": ready["url"], "--metrics-port": ready["metrics"].removesuffix("/metrics")}
+        # The next one, if there must be one, is where this one was.
+        self._broker_command = [*command, *(part for key, url in ports.items() for part in (key, url.split(":")[-1]))]
+        return ready
+
+    def _run_broker(self, command: list[str]) -> dict[str, str]:
         with (self._logs / "broker.log").open("ab") as log:
             self._broker = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True
@@ -98,19 +102,34 @@ class Launcher:
             target=run_module, args=(module, arguments, self._log(name)), name=name, daemon=True
         )
         child.start()
-        self._children[name] = child
+        self._children[name], self._commands[name] = child, (module, arguments)
 
     def check(self) -> None:
-        """Notice a process that died.
+        """Notice a process that died: start it again if a signal ended it.
 
         Raises:
-            RunError: one ended with an error; the message holds the end of what it printed.
+            RunError: one ended with an error, or too often; the message holds the end of what it printed.
         """
-        for name, child in self._children.items():
-            if child.exitcode not in (None, 0):
-                raise RunError(f"{name} ended with code {child.exitcode}: {self._tail(name)}")
+        ended = {name: child.exitcode for name, child in self._children.items() if child.exitcode}
         if self._broker is not None and self._broker.poll() is not None:
-            raise RunError(f"the broker ended with code {self._broker.returncode}: {self._tail('broker')}")
+            ended["broker"] = self._broker.returncode
+        for name, code in ended.items():
+            if code >= 0 or self._restarted[name] >= self._restarts:
+                raise RunError(f"{name} ended with code {code}: {self._tail(name)}")
+            if time.monotonic() >= self._held.get(name, 0.0):
+                self._restart(name, code)
+
+    def hold(self, name: str, seconds: float) -> None:
+        """Do not start a process again before so many seconds are over."""
+        self._held[name] = time.monotonic() + seconds
+
+    def _restart(self, name: str, code: int) -> None:
+        self._restarted[name] += 1
+        self._told(f"{name} was ended by {signal.Signals(-code).name}; starting it again")
+        if name == "broker":
+            self._run_broker(self._broker_command)
+        else:
+            self.start(name, *self._commands[name])
 
     @property
     def pids(self) -> dict[str, int]:

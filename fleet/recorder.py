@@ -11,16 +11,17 @@ from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow
-from common.payloads import Presence, check_model, decode_json
+from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
 from common.snapshot import BrokerSnapshot
 from fleet.summary import summarise
+from fleet.traffic import DATA_CENTER
 
 log = logging.getLogger("jouleswarm.recorder")
 
-CLIENT = "recorder"
+CLIENT = topics.RECORDER
 _PROGRESS_EVERY_S = 0.5
 _SNAPSHOT_WAIT_S = 3.0
 
@@ -47,6 +48,7 @@ class Recorder:
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
         bus.subscribe(*self._filters)
+        bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
 
     @property
     def waiting_for(self) -> list[str]:
@@ -99,6 +101,7 @@ class Recorder:
 
     def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
         """Fetch the broker's counters and write meter and summary."""
+        self._bus.publish(topics.recorder(self._run), b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters[:-1])
         self._ask_broker()
@@ -129,15 +132,25 @@ class Recorder:
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
             check_model(message.payload)
-            self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
+            task = topic.split("/")[4]
+            self._directory.weights(f"{topics.arm_of(topic)}-task{task}", message.payload)
+            if task.isdecimal() and int(task) in self._scenario.clusters:
+                self._acknowledge(topic, f"agent-{min(self._scenario.cluster(int(task)))}")
         elif kind == "snapshot":
             self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":
             self._take_presence(message)
         else:
             report = decode_json(message.payload, MeterReport, len(message.payload))
+            for row in report.rounds:
+                self._directory.round(row)
             self._reports[report.client] = report.rows
             self._gone.pop(report.client, None)
+            self._acknowledge(topic, report.client)
+
+    def _acknowledge(self, topic: str, client: str) -> None:
+        """Tell a client that what it published on `topic` is written down."""
+        self._bus.publish(topics.acknowledgement(self._run, client), encode_json(Acknowledgement(topic=topic)))
 
     def _take_snapshot(self, message: Message, round_: str) -> None:
         if not round_.isdecimal():
@@ -145,6 +158,7 @@ class Recorder:
         check_model(message.payload)
         method = topics.arm_of(message.topic)
         self._directory.weights(f"{method}-meta-t{int(round_):04d}", message.payload)
+        self._acknowledge(message.topic, DATA_CENTER)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:

@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from common import topics
 from common.errors import ConfigurationError, RunError
-from common.meter import MeterRow
-from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY, RoundRow
+from common.meter import MeterRow, read_rows
+from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, RoundRow
 from common.scenario import Scenario, scenario_from
 from common.topics import Link
 from fleet.pricing import TaskResult, meta_rounds, task_results
@@ -93,11 +94,21 @@ def load_run(path: str | Path) -> Run:
         manifest=manifest,
         scenario=_scenario(manifest, path / MANIFEST),
         rows=_lines(path / ROUNDS, RoundRow, needed=done, cut=cut),
-        meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None),
+        meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
         progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
         summary=summary,
         cut=cut,
     )
+
+
+def _kept_rows(path: Path, run: str) -> list[MeterRow]:
+    """What the processes of a run that was killed had counted by then."""
+    state, prefix = path / STATE, f"{topics.ROOT}/{run}/"
+    rows = read_rows("broker", state / "broker")
+    for folder in sorted(state.glob("*")):
+        if folder.name != "broker":
+            rows += read_rows("client", folder)
+    return [row for row in rows if row.topic.startswith(prefix)]
 
 
 def _manifest(path: Path) -> dict[str, Any]:

@@ -5,25 +5,33 @@ from __future__ import annotations
 import contextlib
 import datetime
 import importlib.metadata
+import json
 import os
 import platform
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from rich.console import Console
 
 from common import topics
-from common.errors import JouleSwarmError
+from common.errors import ConfigurationError, JouleSwarmError
 from common.mqtt import MqttBus, parse_url
-from common.runlog import RunDirectory
-from common.scenario import Scenario
+from common.payloads import Presence, encode_json
+from common.runlog import MANIFEST, STATE, RunDirectory
+from common.scenario import Scenario, load_scenario
 from fleet.launcher import Launcher
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
+from fleet.traffic import DATA_CENTER
 from fleet.view import View
+
+RESTARTS = 20
+"""How often a process that was killed is started again."""
 
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
@@ -36,7 +44,13 @@ def new_run_id(scenario: Scenario) -> str:
 
 
 def run_deployment(
-    scenario: Scenario, scenario_options: list[str], run: str, out: Path, broker: str | None, console: Console
+    scenario: Scenario,
+    scenario_options: list[str],
+    run: str,
+    out: Path,
+    broker: str | None,
+    console: Console,
+    restarts: int = RESTARTS,
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
@@ -46,18 +60,51 @@ def run_deployment(
     if broker is not None:
         parse_url(broker)  # before anything is written
     directory = RunDirectory(out / topics.run_name(run))
-    with ExitStack() as stack:
-        launcher = stack.enter_context(Launcher(directory.path / "logs"))
-        url = broker or _embedded_broker(launcher, console)
-        recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
-        common = ["--broker", url, "--run", run, *scenario_options]
-        if scenario.needs_datacenter:
-            state = str(directory.path / "checkpoint")
-            launcher.start("datacenter", "datacenter", [*common, "--state", state])
-        for agent in scenario.agents:
-            launcher.start(f"agent-{agent}", "agents", ["--id", str(agent), *common])
-        _watch(scenario, recorder, console, launcher)
+    _deploy(scenario, scenario_options, run, directory, broker, console, restarts)
     return directory.path
+
+
+def resume_deployment(path: Path, broker: str | None, console: Console, restarts: int = RESTARTS) -> Path:
+    """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
+
+    Raises:
+        ConfigurationError: it is complete, or not the directory of such a run.
+    """
+    held = path / MANIFEST
+    scenario = load_scenario(held)
+    if not (path / STATE).is_dir():
+        raise ConfigurationError(
+            f"run {path}: has no {STATE}/, so it is complete, or was recorded only; see its report"
+        )
+    name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
+    directory = RunDirectory(path, resume=True)
+    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, broker, console, restarts)
+    return path
+
+
+def _deploy(
+    scenario: Scenario,
+    scenario_options: list[str],
+    run: str,
+    directory: RunDirectory,
+    broker: str | None,
+    console: Console,
+    restarts: int,
+) -> None:
+    state = directory.path / STATE
+    with ExitStack() as stack:
+        told = partial(console.print, highlight=False)
+        launcher = stack.enter_context(Launcher(directory.path / "logs", restarts, told))
+        url = broker or _embedded_broker(launcher, state / "broker", console)
+        recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
+        common = ["--broker", url, "--run", run, *scenario_options, "--keep-state"]
+        if scenario.needs_datacenter:
+            launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
+        for agent in scenario.agents:
+            name = f"agent-{agent}"
+            launcher.start(name, "agents", ["--id", str(agent), *common, "--state", str(state / name)])
+        _watch(scenario, recorder, console, launcher)
+    shutil.rmtree(state)
 
 
 def record_deployment(
@@ -93,8 +140,8 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
     }
 
 
-def _embedded_broker(launcher: Launcher, console: Console) -> str:
-    ready = launcher.start_broker()
+def _embedded_broker(launcher: Launcher, state: Path, console: Console) -> str:
+    ready = launcher.start_broker(["--state", str(state)])
     console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
     return ready["url"]
 
@@ -104,9 +151,17 @@ def _recording(
     scenario: Scenario, url: str, run: str, directory: RunDirectory, console: Console, *, embedded: bool
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends."""
-    directory.manifest(manifest(scenario, run, url, embedded=embedded))
+    described = manifest(scenario, run, url, embedded=embedded)
+    if (directory.path / MANIFEST).exists():
+        before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
+        described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
+    directory.manifest(described)
     bus = MqttBus.connect(
-        url, CLIENT, keepalive_s=scenario.bus.keepalive_s, connect_timeout_s=scenario.bus.connect_timeout_s
+        url,
+        CLIENT,
+        will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
+        keepalive_s=scenario.bus.keepalive_s,
+        connect_timeout_s=scenario.bus.connect_timeout_s,
     )
     recorder = Recorder(bus, scenario, run, directory)
     status: Literal["complete", "interrupted", "failed"] = "failed"

@@ -1,0 +1,89 @@
+"""What a robot remembers on disk of the arm that it is in: enough to go on from the last whole round, bit by bit."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from common.learner import Weights
+from common.meter import Meter
+from common.scenario import Scenario
+from common.state import State, StateFile, Stateful
+
+
+class Memory:
+    """One state, replaced at the end of each round; without a folder nothing is remembered.
+
+    A round is on disk before the next one's weights go out, so that neighbours, who keep a round for who asks again,
+    have what the robot needs when it comes back.
+    """
+
+    def __init__(self, scenario: Scenario, agent: int, run: str, folder: Path | None, meter: Meter) -> None:
+        self._folder, self._meter = folder, meter
+        settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
+        owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
+        self._file = StateFile(folder / "state.safetensors", owner) if folder else None
+        self._state = self._file.load() if self._file else None
+
+    @property
+    def rows(self) -> Path | None:
+        """File for the rows of the run log."""
+        return self._folder / "rounds.jsonl" if self._folder else None
+
+    @property
+    def frames(self) -> Path | None:
+        """File for the frames of the replay memory."""
+        return self._folder / "frames.bin" if self._folder else None
+
+    def is_past(self, arm: str, arms: tuple[str, ...]) -> bool:
+        """Whether the robot was in an arm after `arm` already."""
+        return self._state is not None and arms.index(arm) < arms.index(self._place["arm"])
+
+    def start_of(self, arm: str) -> Weights | None:
+        """The weights that the robot began `arm` with, if it had."""
+        if self._state is None or self._place["arm"] != arm:
+            return None
+        return self._state.part("start").arrays
+
+    def has_ended(self, arm: str) -> bool:
+        """Whether the robot was done with learning in `arm`."""
+        return self._state is not None and self._place["arm"] == arm and bool(self._place["ended"])
+
+    def begin(self, arm: str, weights: Weights) -> None:
+        """The robot is about to begin an arm."""
+        self._write(arm, 0, {"start": State(dict(weights))})
+
+    def save(self, arm: str, round_: int, kept: Mapping[str, Stateful], *, ended: bool = False) -> None:
+        """The robot has done `round_`."""
+        if self._file is not None:
+            states = {name: each.state() for name, each in kept.items()}
+            self._write(arm, round_, {"start": State(), **states}, ended=ended)
+
+    def restore(self, arm: str, kept: Mapping[str, Stateful]) -> int:
+        """Bring `kept` to where `save` left it; the round, 0 if none had been done."""
+        if self._state is None or self._place["arm"] != arm or not self._place["round"]:
+            return 0
+        for name, each in kept.items():
+            each.load_state(self._state.part(name))
+        return int(self._place["round"])
+
+    def clear(self) -> None:
+        """The run is over: leave no trace."""
+        if self._folder is not None:
+            for path in self._folder.iterdir():
+                path.unlink()
+            self._folder.rmdir()
+
+    @property
+    def _place(self) -> dict[str, Any]:
+        assert self._state is not None
+        return self._state.part("place").values
+
+    def _write(self, arm: str, round_: int, parts: Mapping[str, State], *, ended: bool = False) -> None:
+        if self._file is None:
+            return
+        place = State(values={"arm": arm, "round": round_, "ended": ended})
+        self._file.save(State.of({**parts, "place": place}))
+        self._meter.flush()

@@ -1,0 +1,76 @@
+"""A process's ear: sorts what comes from the bus to who knows what to do with it, and waits for what must come."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from common.bus import Bus, Message
+from common.errors import PayloadError
+from common.meter import publish_packet_bytes
+
+log = logging.getLogger("jouleswarm.bus")
+
+Take = Callable[[Message], None]
+
+
+class Listener:
+    """Takes the messages of a bus. One thread. A message that is not what its topic promises is refused and counted."""
+
+    def __init__(self, bus: Bus, quiet_s: float) -> None:
+        """`quiet_s`: after so long without what is waited for it is asked for again."""
+        self.bus, self._quiet_s = bus, quiet_s
+        self.handlers: dict[str, Take] = {}
+        """What is done with a message, by the last level of its topic."""
+        self.otherwise: Take = lambda message: None
+        """What is done with all others."""
+        self.refused = 0
+
+    def take_next(self, timeout_s: float) -> bool:
+        """Take one message; False if none comes within `timeout_s`."""
+        message = self.bus.receive(timeout_s)
+        if message is None:
+            return False
+        try:
+            self.handlers.get(message.topic.rsplit("/", 1)[-1], self.otherwise)(message)
+        except PayloadError as error:
+            self.refused += 1
+            log.warning("refused a message on %s: %s", message.topic, error)
+        return True
+
+    def take_waiting(self) -> None:
+        """Take all that has come."""
+        while self.take_next(0):
+            pass
+
+    def repeated(self, message: Message, qos: int) -> None:
+        """Book a message that had come before: sent again because somebody or something failed."""
+        size = len(message.payload)
+        packet_size = publish_packet_bytes(message.topic, size, qos)
+        self.bus.meter.count(self.bus.client, message.topic, "repeated", size, packet_size)
+
+    def until(
+        self,
+        condition: Callable[[], bool],
+        what: Callable[[], str],
+        ask_again: Callable[[], None] | None = None,
+        *,
+        at_once: bool = False,
+    ) -> None:
+        """Take messages until `condition` holds.
+
+        After each quiet spell say what is missing and ask for it; at once where the connection was lost meanwhile, for
+        what was sent then has not come, or with `at_once`.
+        """
+        quiet_from, connections = time.monotonic(), self.bus.connections - at_once
+        while not condition():
+            self.take_next(self._quiet_s if connections == self.bus.connections else 0)
+            if condition():
+                return
+            lost = connections != self.bus.connections
+            if lost or time.monotonic() - quiet_from >= self._quiet_s:
+                log.info("waiting for %s", what())
+                if ask_again is not None:
+                    ask_again()
+                quiet_from, connections = time.monotonic(), self.bus.connections
