@@ -66,7 +66,7 @@ class StateFile:
         Raises:
             RunError: it cannot be written.
         """
-        arrays = {name: np.ascontiguousarray(array) for name, array in state.arrays.items()}
+        arrays = {name: np.asarray(array, order="C") for name, array in state.arrays.items()}
         metadata = {"owner": self._owner, "values": json.dumps(state.values)}
         write_durably(self._path, safetensors.numpy.save(arrays, metadata=metadata))
 

@@ -148,6 +148,47 @@ def report(
 
 
 @app.command()
+def chaos(
+    scenario: ScenarioFile,
+    faults: Annotated[int, typer.Option(min=1, help="How many faults to inject.")] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of the faults' moments and victims; the scenario keeps its own.")] = 1,
+    pause_s: Annotated[
+        float, typer.Option(min=0.1, help="How long the broker is away, somebody is stopped, or links are bad.")
+    ] = 20.0,
+    kind: Annotated[list[str] | None, typer.Option(help="Only this kind of fault; may be repeated.")] = None,
+    set_: SetOption = None,
+    out: Out = Path("runs/chaos"),
+) -> None:
+    """Show that faults change nothing but the clock: run a scenario undisturbed, then again and again with faults.
+
+    Processes are killed and stopped, the broker taken away, connections cut in the middle of a message, messages sent
+    twice, robots started twice. Every run must end with the same rounds and bit-identical weights; the exit code is 1
+    if one does not.
+
+    Example: jouleswarm chaos scenarios/toy.toml --faults 100 --seed 1
+    """
+    import typing
+
+    from common.scenario import load_scenario
+    from fleet.chaos import KINDS, chaos_table, run_chaos
+    from fleet.faults import FaultKind
+
+    unknown = [each for each in kind or () if each not in KINDS]
+    if unknown:
+        raise typer.BadParameter(f"got {', '.join(unknown)}, expected some of: {', '.join(KINDS)}")
+    chosen = typing.cast("list[FaultKind]", kind) or KINDS
+    # A broker may be away for longer than in a run that nobody disturbs.
+    overrides = [f"bus.connect_timeout_s={max(60.0, 4 * pause_s)}", "bus.resend_after_s=3", *(set_ or ())]
+    settings = load_scenario(scenario, overrides)
+    options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
+    console = Console()
+    done = run_chaos(settings, options, out, faults, seed, pause_s, chosen, console)
+    console.print(chaos_table(done))
+    if not done or not all(fault.identical for fault in done) or any(fault.note == "NOT refused" for fault in done):
+        raise typer.Exit(1)
+
+
+@app.command()
 def audit() -> None:
     """Print the paper's published figures beside what its equations and constants give."""
     from fleet.audit import print_audit

@@ -11,10 +11,10 @@ import platform
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from rich.console import Console
 
@@ -37,6 +37,16 @@ _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt
 _PUMP_S = 0.2
 
 
+class Intruder(Protocol):
+    """Who does harm to a deployment on purpose (see fleet/chaos.py)."""
+
+    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
+        """The broker's URL as the processes are to know it."""
+
+    def tick(self) -> None:
+        """Called a few times a second while the run goes on."""
+
+
 def new_run_id(scenario: Scenario) -> str:
     """A name no other run has."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
@@ -51,16 +61,17 @@ def run_deployment(
     broker: str | None,
     console: Console,
     restarts: int = RESTARTS,
+    intruder: Intruder | None = None,
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
     `scenario_options` are the command-line options that make every process load this same scenario. With
-    `broker` the processes use that one; else an embedded broker is started.
+    `broker` the processes use that one; else an embedded broker is started. `intruder` may interfere.
     """
     if broker is not None:
         parse_url(broker)  # before anything is written
     directory = RunDirectory(out / topics.run_name(run))
-    _deploy(scenario, scenario_options, run, directory, broker, console, restarts)
+    _deploy(scenario, scenario_options, run, directory, broker, console, restarts, intruder)
     return directory.path
 
 
@@ -90,6 +101,7 @@ def _deploy(
     broker: str | None,
     console: Console,
     restarts: int,
+    intruder: Intruder | None = None,
 ) -> None:
     state = directory.path / STATE
     with ExitStack() as stack:
@@ -97,13 +109,14 @@ def _deploy(
         launcher = stack.enter_context(Launcher(directory.path / "logs", restarts, told))
         url = broker or _embedded_broker(launcher, state / "broker", console)
         recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
-        common = ["--broker", url, "--run", run, *scenario_options, "--keep-state"]
+        line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
+        common = ["--broker", line, "--run", run, *scenario_options, "--keep-state"]
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        _watch(scenario, recorder, console, launcher)
+        _watch(scenario, recorder, console, launcher, intruder)
     shutil.rmtree(state)
 
 
@@ -181,11 +194,19 @@ def _recording(
             console.print(f"the run directory has no final counters: {error}", highlight=False)
 
 
-def _watch(scenario: Scenario, recorder: Recorder, console: Console, launcher: Launcher | None) -> None:
+def _watch(
+    scenario: Scenario,
+    recorder: Recorder,
+    console: Console,
+    launcher: Launcher | None,
+    intruder: Intruder | None = None,
+) -> None:
     with View(console, scenario, recorder) as view:
         while recorder.waiting_for:
             recorder.pump(_PUMP_S)
             recorder.check()
             if launcher is not None:
                 launcher.check()
+            if intruder is not None:
+                intruder.tick()
             view.update()

@@ -1,0 +1,190 @@
+"""`jouleswarm chaos`: does a fault change anything but the clock? Runs a scenario undisturbed, then with faults."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from common.scenario import Scenario
+from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
+from fleet.launcher import Launcher
+from fleet.proxy import Proxy
+from fleet.recorder import Recorder
+from fleet.run import run_deployment
+
+PHASES = ("starting", "meta-learning", "federated")
+"""`starting` lasts to the first row, `federated` from the first robot's row of an arm to the next stage."""
+
+_DELAY_S = 2.0  # at most, from the beginning of a phase or the last recovery to the next fault
+_RESTARTS = 1000
+_EACH_RUN = 12
+
+
+@dataclass
+class Fault:
+    """One fault that was injected."""
+
+    kind: FaultKind
+    phase: str
+    target: str = ""
+    run: str = ""
+    at_s: float = 0.0
+    recovery_s: float | None = None
+    """From the fault to the next row of whom it was done to (of anybody, where that is no process)."""
+    identical: bool | None = None
+    note: str = ""
+
+
+@dataclass
+class Chaos:
+    """An intruder (`fleet.run.Intruder`) who injects the faults of a plan, one after the other."""
+
+    scenario: Scenario
+    options: list[str]
+    run: str
+    plan: deque[Fault]
+    pause_s: float
+    rng: random.Random
+    done: list[Fault] = field(default_factory=list)
+    _rows: int = 0
+    _due: float | None = None
+
+    @contextlib.contextmanager
+    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
+        """The processes talk to the broker by a proxy that can be told to spoil their connections."""
+        eye = onlooker(url, self.run, self.scenario.bus.connect_timeout_s)
+        with Proxy(url, self.rng.randrange(2**31)) as proxy:
+            self._recorder = recorder
+            self._site = Site(self.scenario, launcher, proxy, url, self.run, self.options, self.pause_s, self.rng, eye)
+            try:
+                yield proxy.url
+            finally:
+                self._site.end()
+                eye.close()
+
+    def tick(self) -> None:
+        """Inject the next fault when its phase has come, and see whether the last one has been got over."""
+        self._site.tick()
+        now_s = time.monotonic()
+        if self.done and self.done[-1].recovery_s is None:
+            self._look_at(self.done[-1], now_s)
+            return
+        if not self.plan or self.phase != self.plan[0].phase:
+            self._due = None
+            return
+        if self._due is None:
+            self._due = now_s + self.rng.uniform(0, _DELAY_S)
+        if now_s >= self._due:
+            fault = self.plan.popleft()
+            fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, now_s
+            self.done.append(fault)
+            self._rows, self._due = self._count(fault), None
+
+    @property
+    def phase(self) -> str:
+        """Where the run is, by its newest row."""
+        rows = self._recorder.rows
+        return "starting" if not rows else {"maml": "meta-learning", "fl": "federated"}[rows[-1].phase]
+
+    def _look_at(self, fault: Fault, now_s: float) -> None:
+        if fault.kind == "same robot twice":
+            answer = refused(self._site.twins[-1])
+            if answer is not None:
+                fault.recovery_s, fault.note = now_s - fault.at_s, "refused" if answer else "NOT refused"
+        elif fault.kind in ("weights cut", "frame cut") and self._site.proxy.is_armed:
+            return
+        elif not self._site.later and self._count(fault) > self._rows:
+            fault.recovery_s = now_s - fault.at_s
+
+    def _count(self, fault: Fault) -> int:
+        """Rows so far of whom the fault was done to."""
+        rows = self._recorder.rows
+        if fault.target.startswith("agent-"):
+            return sum(f"agent-{row.agent}" == fault.target for row in rows)
+        return sum(row.agent == 0 for row in rows) if fault.target == "datacenter" else len(rows)
+
+
+def plan_faults(count: int, kinds: Sequence[FaultKind], has_meta: bool) -> deque[Fault]:
+    """`count` faults, every kind in every phase in turn; phases in the order in which a run comes to them."""
+    phases = PHASES if has_meta else (PHASES[0], PHASES[2])
+    pairs = [(kind, phase) for phase in phases for kind in kinds if _makes_sense(kind, phase, has_meta)]
+    chosen = [pairs[index % len(pairs)] for index in range(count)]
+    return deque(Fault(kind, phase) for kind, phase in chosen)
+
+
+def run_chaos(
+    scenario: Scenario,
+    options: list[str],
+    out: Path,
+    faults: int,
+    seed: int,
+    pause_s: float,
+    kinds: Sequence[FaultKind],
+    console: Console,
+) -> list[Fault]:
+    """Inject `faults` faults into as many runs as it takes; what was done, and whether it changed anything."""
+    rng = random.Random(seed)
+    run_deployment(scenario, options, "undisturbed", out, None, console, 0)
+    expected = outcome(out / "undisturbed")
+    left = plan_faults(faults, kinds, bool(scenario.meta_methods))
+    done: list[Fault] = []
+    while left:
+        name = f"disturbed-{len({fault.run for fault in done}) + 1}"
+        share = deque(sorted((left.popleft() for _ in range(min(_EACH_RUN, len(left)))), key=_phase_order))
+        chaos = Chaos(scenario, options, name, share, pause_s, rng)
+        run_deployment(scenario, options, name, out, None, console, _RESTARTS, chaos)
+        identical = outcome(out / name) == expected
+        for fault in chaos.done:
+            fault.identical = identical
+        done += chaos.done
+        left.extendleft(reversed(share))
+        if not chaos.done:
+            break  # the run is too short for what is left
+    return done
+
+
+def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
+    """What must not depend on faults: all rows but what tells of time and refusals, and all weights."""
+    rows = [json.loads(line) for line in (path / "rounds.jsonl").read_text(encoding="utf-8").splitlines()]
+    figures = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    return figures, {file.name: file.read_bytes() for file in sorted((path / "weights").iterdir())}
+
+
+def chaos_table(faults: Sequence[Fault]) -> Table:
+    """One row a fault."""
+    identical = sum(fault.identical is True for fault in faults)
+    table = Table(title=f"{len(faults)} faults, {identical} of them in runs with an identical end")
+    for heading in ("run", "phase", "fault", "done to", "recovery, s", "identical", ""):
+        table.add_column(heading, justify="right" if heading.endswith(" s") else "left")
+    for fault in faults:
+        recovery = "-" if fault.recovery_s is None else f"{fault.recovery_s:.1f}"
+        said = {True: "yes", False: "NO", None: "?"}[fault.identical]
+        table.add_row(fault.run, fault.phase, fault.kind, fault.target, recovery, said, fault.note)
+    return table
+
+
+def _makes_sense(kind: FaultKind, phase: str, has_meta: bool) -> bool:
+    if kind == "weights cut":
+        return phase == "federated"
+    if kind == "frame cut":
+        return phase == "meta-learning"
+    if kind == "duplicates":
+        return phase != "starting"
+    return kind != "data center killed" or has_meta
+
+
+def _phase_order(fault: Fault) -> int:
+    return PHASES.index(fault.phase)
+
+
+__all__ = ["KINDS", "Fault", "chaos_table", "outcome", "plan_faults", "run_chaos"]
