@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import random
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,9 +25,9 @@ from fleet.run import run_deployment
 PHASES = ("starting", "meta-learning", "federated")
 """`starting` lasts to the first row, `federated` from the first robot's row of an arm to the next stage."""
 
-_DELAY_S = 2.0  # at most, from the beginning of a phase or the last recovery to the next fault
+# At most, from the beginning of a phase or the last recovery to the next fault.
+_DELAY_S = {"starting": 4.0, "meta-learning": 1.0, "federated": 2.0}
 _RESTARTS = 1000
-_EACH_RUN = 12
 
 
 @dataclass
@@ -52,12 +52,13 @@ class Chaos:
     scenario: Scenario
     options: list[str]
     run: str
-    plan: deque[Fault]
+    plan: list[Fault]
     pause_s: float
     rng: random.Random
     done: list[Fault] = field(default_factory=list)
+    _open: Fault | None = None
     _rows: int = 0
-    _due: float | None = None
+    _due: tuple[str, float] = ("", 0.0)
 
     @contextlib.contextmanager
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
@@ -73,22 +74,20 @@ class Chaos:
                 eye.close()
 
     def tick(self) -> None:
-        """Inject the next fault when its phase has come, and see whether the last one has been got over."""
+        """Inject a fault of the phase that the run is in, and see whether the last one has been got over."""
         self._site.tick()
-        now_s = time.monotonic()
-        if self.done and self.done[-1].recovery_s is None:
-            self._look_at(self.done[-1], now_s)
+        now_s, phase = time.monotonic(), self.phase
+        if self._open is not None:
+            self._look_at(self._open, now_s)
             return
-        if not self.plan or self.phase != self.plan[0].phase:
-            self._due = None
-            return
-        if self._due is None:
-            self._due = now_s + self.rng.uniform(0, _DELAY_S)
-        if now_s >= self._due:
-            fault = self.plan.popleft()
-            fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, now_s
+        fault = next((each for each in self.plan if each.phase == phase), None)
+        if fault is None or phase != self._due[0]:
+            self._due = phase, now_s + self.rng.uniform(0, _DELAY_S[phase])
+        elif now_s >= self._due[1]:
+            self.plan.remove(fault)
             self.done.append(fault)
-            self._rows, self._due = self._count(fault), None
+            fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, now_s
+            self._open, self._rows, self._due = fault, self._count(fault), ("", 0.0)
 
     @property
     def phase(self) -> str:
@@ -99,12 +98,17 @@ class Chaos:
     def _look_at(self, fault: Fault, now_s: float) -> None:
         if fault.kind == "same robot twice":
             answer = refused(self._site.twins[-1])
-            if answer is not None:
-                fault.recovery_s, fault.note = now_s - fault.at_s, "refused" if answer else "NOT refused"
-        elif fault.kind in ("weights cut", "frame cut") and self._site.proxy.is_armed:
+            if answer is None:
+                return
+            fault.note = "refused" if answer else "NOT refused"
+        elif (fault.kind in ("weights cut", "frame cut") and self._site.proxy.is_armed) or self._site.later:
             return
-        elif not self._site.later and self._count(fault) > self._rows:
-            fault.recovery_s = now_s - fault.at_s
+        elif fault.target not in ("broker", *self._recorder.waiting_for) and fault.target in self._site.launcher.pids:
+            self._open = None  # it has left: there is nothing more to come from it
+            return
+        elif self._count(fault) <= self._rows:
+            return
+        fault.recovery_s, self._open = now_s - fault.at_s, None
 
     def _count(self, fault: Fault) -> int:
         """Rows so far of whom the fault was done to."""
@@ -114,12 +118,12 @@ class Chaos:
         return sum(row.agent == 0 for row in rows) if fault.target == "datacenter" else len(rows)
 
 
-def plan_faults(count: int, kinds: Sequence[FaultKind], has_meta: bool) -> deque[Fault]:
-    """`count` faults, every kind in every phase in turn; phases in the order in which a run comes to them."""
+def plan_faults(count: int, kinds: Sequence[FaultKind], has_meta: bool) -> list[Fault]:
+    """`count` faults, every kind in every phase in turn."""
     phases = PHASES if has_meta else (PHASES[0], PHASES[2])
     pairs = [(kind, phase) for phase in phases for kind in kinds if _makes_sense(kind, phase, has_meta)]
     chosen = [pairs[index % len(pairs)] for index in range(count)]
-    return deque(Fault(kind, phase) for kind, phase in chosen)
+    return [Fault(kind, phase) for kind, phase in chosen]
 
 
 def run_chaos(
@@ -138,18 +142,16 @@ def run_chaos(
     expected = outcome(out / "undisturbed")
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
     done: list[Fault] = []
-    while left:
-        name = f"disturbed-{len({fault.run for fault in done}) + 1}"
-        share = deque(sorted((left.popleft() for _ in range(min(_EACH_RUN, len(left)))), key=_phase_order))
-        chaos = Chaos(scenario, options, name, share, pause_s, rng)
-        run_deployment(scenario, options, name, out, None, console, _RESTARTS, chaos)
-        identical = outcome(out / name) == expected
+    for number in itertools.count(1):
+        chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng)
+        run_deployment(scenario, options, chaos.run, out, None, console, _RESTARTS, chaos)
+        identical = outcome(out / chaos.run) == expected
         for fault in chaos.done:
             fault.identical = identical
         done += chaos.done
-        left.extendleft(reversed(share))
-        if not chaos.done:
-            break  # the run is too short for what is left
+        # Without a single fault the run is too short for what is left.
+        if not left or not chaos.done:
+            break
     return done
 
 
@@ -181,10 +183,6 @@ def _makes_sense(kind: FaultKind, phase: str, has_meta: bool) -> bool:
     if kind == "duplicates":
         return phase != "starting"
     return kind != "data center killed" or has_meta
-
-
-def _phase_order(fault: Fault) -> int:
-    return PHASES.index(fault.phase)
 
 
 __all__ = ["KINDS", "Fault", "chaos_table", "outcome", "plan_faults", "run_chaos"]
