@@ -11,6 +11,7 @@ from common.memory import keep_freed_memory
 from common.options import (
     DEFAULT_BROKER,
     BrokerOption,
+    DurableOption,
     KeepStateOption,
     RunOption,
     ScenarioOption,
@@ -37,6 +38,7 @@ def main(
             envvar="JOULESWARM_STATE", help="Folder to remember each round in: a robot that was killed goes on from it."
         ),
     ] = None,
+    durable: DurableOption = False,
     keep_state: KeepStateOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
@@ -57,6 +59,7 @@ def main(
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
+        from common.state import Keep
 
         settings = load_scenario(scenario, set_ or ())
         assigned = settings.task_of(id)
@@ -77,7 +80,7 @@ def main(
             connect_timeout_s=settings.bus.connect_timeout_s,
             meter=Meter("client", state),
         )
-        run_agent(settings, id, name, bus, state, keep_state=keep_state)
+        run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ collect -> learn -> evaluate -> share -> decide -> mix -> remember, round by rou
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 from agents.centralized import follow
 from agents.exchange import Exchange
@@ -26,20 +25,18 @@ from common.rewards import RewardLedger
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.seeding import integer, stream
-from common.state import Stateful
+from common.state import NOTHING, Keep, Stateful
 
 
-def run_agent(
-    scenario: Scenario, agent: int, run: str, bus: Bus, state: Path | None = None, *, keep_state: bool = False
-) -> None:
-    """Live the whole life of robot `agent` on a connected bus; with a folder `state` go on from where one was killed.
+def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = NOTHING) -> None:
+    """Live the whole life of robot `agent` on a connected bus; with a folder to `keep` go on from where one was killed.
 
     Raises:
         ConfigurationError: another process is this robot.
         RunError: the folder holds another robot's or scenario's state.
         TrainingError: a loss is not finite.
     """
-    robot = Robot(scenario, agent, run, bus, state)
+    robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
     robot.meta.listen(scenario.arms)
@@ -65,19 +62,18 @@ def run_agent(
         exchange.announce(2 * index + 2)
         exchange.await_stage(2 * index + 2)
     exchange.leave()
-    if not keep_state:
-        memory.clear()
+    memory.clear()
 
 
 class Robot:
     """One robot's state that outlives an arm."""
 
-    def __init__(self, scenario: Scenario, agent: int, run: str, bus: Bus, state: Path | None) -> None:
+    def __init__(self, scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep) -> None:
         self.scenario, self.agent = scenario, agent
         here = neighbourhood_of(scenario, agent)
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
-        self.memory = Memory(scenario, agent, run, state, bus.meter)
+        self.memory = Memory(scenario, agent, run, keep, bus.meter)
         network, settings = build_qnetwork(scenario.network), scenario.meta
         shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
         codec = scenario.federation.weights_codec

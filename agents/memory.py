@@ -10,7 +10,7 @@ from typing import Any
 from common.learner import Weights
 from common.meter import Meter
 from common.scenario import Scenario
-from common.state import State, StateFile, Stateful
+from common.state import STATE_FILE, Keep, State, StateFile, Stateful
 
 
 class Memory:
@@ -20,11 +20,14 @@ class Memory:
     have what the robot needs when it comes back.
     """
 
-    def __init__(self, scenario: Scenario, agent: int, run: str, folder: Path | None, meter: Meter) -> None:
-        self._folder, self._meter = folder, meter
+    def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
+        folder = keep.folder
+        self._folder, self._keep, self._meter = folder, keep, meter
         settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
         owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
-        self._file = StateFile(folder / "state.safetensors", owner) if folder else None
+        self._file = None
+        if folder is not None:
+            self._file = StateFile(folder / STATE_FILE, owner, self.frames, durable=keep.durable)
         self._state = self._file.load() if self._file else None
 
     @property
@@ -70,8 +73,8 @@ class Memory:
         return int(self._place["round"])
 
     def clear(self) -> None:
-        """The run is over: leave no trace."""
-        if self._folder is not None:
+        """The run is over: leave no trace, unless who started this process will see to it."""
+        if self._folder is not None and not self._keep.at_the_end:
             for path in self._folder.iterdir():
                 path.unlink()
             self._folder.rmdir()
@@ -86,4 +89,5 @@ class Memory:
             return
         place = State(values={"arm": arm, "round": round_, "ended": ended})
         self._file.save(State.of({**parts, "place": place}))
-        self._meter.flush()
+        if self._keep.durable:
+            self._meter.flush()

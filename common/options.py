@@ -22,3 +22,12 @@ VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="
 KeepStateOption = Annotated[
     bool, typer.Option("--keep-state", envvar="JOULESWARM_KEEP_STATE", help="Leave the --state folder at the end too.")
 ]
+DurableOption = Annotated[
+    bool,
+    typer.Option(
+        "--durable",
+        envvar="JOULESWARM_DURABLE",
+        help="Have each round in the --state folder on the disk: slower, and "
+        "safe from a power failure, not only from being killed.",
+    ),
+]

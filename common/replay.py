@@ -60,8 +60,6 @@ class Replay:
 
     def state(self) -> State:
         """All but the frames, which must have a file."""
-        if isinstance(self._frames, np.memmap):
-            self._frames.flush()
         arrays = {name: getattr(self, f"_{name}") for name in _KEPT}
         return State(arrays, {"written": self._written})
 

@@ -21,7 +21,7 @@ from common.bus import Payload
 from common.errors import ConfigurationError
 from common.lines import whole_lines
 from common.meter import MeterRow
-from common.state import write_durably
+from common.state import write_whole
 
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
@@ -119,7 +119,7 @@ class RunDirectory:
     def weights(self, name: str, payload: Payload) -> None:
         """Keep a model, as it came from the bus, as weights/<name>.safetensors."""
         path = self.path / "weights" / f"{name}.safetensors"
-        write_durably(path, payload)
+        write_whole(path, payload)
 
     @property
     def rows(self) -> list[RoundRow]:
@@ -131,4 +131,4 @@ class RunDirectory:
             file.write(line + "\n")
 
     def _replace(self, name: str, text: str) -> None:
-        write_durably(self.path / name, text.encode())
+        write_whole(self.path / name, text.encode())

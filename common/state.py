@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import struct
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -52,23 +54,69 @@ class Stateful(Protocol):
         """Take up what `state` returned."""
 
 
-class StateFile:
-    """One state, replaced as a whole by each `save`: a safetensors file with the values in its metadata."""
+STATE_FILE = "state"
 
-    def __init__(self, path: Path, owner: str) -> None:
-        """`owner`: names the scenario and process; another owner's state is refused."""
-        self._path, self._owner = path, owner
+
+@dataclass(frozen=True)
+class Keep:
+    """What a process keeps on disk to go on from."""
+
+    folder: Path | None = None
+    """None: nothing."""
+    durable: bool = False
+    """Also for a power failure, not only for being killed."""
+    at_the_end: bool = False
+    """When the run is over too: whoever started the process deletes the folder."""
+
+
+NOTHING = Keep()
+
+
+class StateFile:
+    """The newest state of a process, in two files that are written in turn, in place.
+
+    A kill in the middle of a write spoils one of them, and the other holds the state before. To replace a file by a
+    new one would be as safe, and has file systems write to the disk each time.
+    """
+
+    def __init__(self, path: Path, owner: str, frames: Path | None = None, *, durable: bool = False) -> None:
+        """
+        Args:
+            path: of the files, without their endings .0 and .1.
+            owner: names the scenario and process; another owner's state is refused.
+            frames: a file mapped into memory that belongs to the state (see `common.replay`).
+            durable: have all on the disk when `save` returns. Else the kernel has it: that a process is killed loses
+                nothing, but a power failure may.
+        """
+        self._paths = [path.with_name(f"{path.name}.{number}") for number in (0, 1)]
+        self._owner, self._frames, self._durable = owner, frames, durable
+        self._written: int | None = None
         path.parent.mkdir(parents=True, exist_ok=True)
 
     def save(self, state: State) -> None:
-        """Write the state; durable when this returns, also if the machine's power fails then.
+        """Write the state.
 
         Raises:
             RunError: it cannot be written.
         """
+        if self._written is None:
+            self._written = max((number for number, _ in self._whole()), default=0)
         arrays = {name: np.asarray(array, order="C") for name, array in state.arrays.items()}
         metadata = {"owner": self._owner, "values": json.dumps(state.values)}
-        write_durably(self._path, safetensors.numpy.save(arrays, metadata=metadata))
+        content = safetensors.numpy.save(arrays, metadata=metadata)
+        path, number = self._paths[self._written % 2], self._written + 1
+        try:
+            if self._durable and self._frames is not None and self._frames.exists():
+                sync(self._frames)
+            with path.open("r+b" if path.exists() else "wb") as file:
+                file.write(_HEAD.pack(_MAGIC, number, len(content), zlib.crc32(content)))
+                file.write(content)
+            if self._durable:
+                sync(path)
+                sync(path.parent)
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {error.strerror}") from error
+        self._written = number
 
     def load(self) -> State | None:
         """The newest state saved; None if there is none.
@@ -76,27 +124,48 @@ class StateFile:
         Raises:
             RunError: it is another owner's, or damaged.
         """
-        if not self._path.exists():
+        whole = self._whole()
+        if not whole:
+            if any(path.exists() for path in self._paths):
+                raise self._unfit("neither file is whole")
             return None
+        _, content = max(whole)
         try:
-            with safetensors.safe_open(self._path, framework="np") as file:
-                metadata = file.metadata()
-                if metadata["owner"] != self._owner:
-                    raise ValueError("it is another scenario's, run's or process's")
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            return State(arrays, json.loads(metadata["values"]))
-        except (KeyError, ValueError, OSError, safetensors.SafetensorError) as error:
-            raise RunError(
-                f"state {self._path}: does not fit this scenario ({error}); name another folder with --state"
-            ) from error
+            arrays = safetensors.numpy.load(content)
+            (length,) = struct.unpack_from("<Q", content)
+            metadata = json.loads(content[8 : 8 + length])["__metadata__"]
+            values = json.loads(metadata["values"])
+        except (KeyError, ValueError, safetensors.SafetensorError) as error:
+            raise self._unfit(str(error)) from error
+        if metadata["owner"] != self._owner:
+            raise self._unfit("it is another scenario's, run's or process's")
+        return State(arrays, values)
 
-    def clear(self) -> None:
-        """Forget it."""
-        self._path.unlink(missing_ok=True)
+    def _whole(self) -> list[tuple[int, bytes]]:
+        """(number, content) of what was written to its end."""
+        found = []
+        for path in self._paths:
+            written = path.read_bytes() if path.exists() else b""
+            if len(written) < _HEAD.size:
+                continue
+            magic, number, size, checksum = _HEAD.unpack_from(written)
+            content = written[_HEAD.size : _HEAD.size + size]
+            if magic == _MAGIC and len(content) == size and zlib.crc32(content) == checksum:
+                found.append((number, content))
+        return found
+
+    def _unfit(self, why: str) -> RunError:
+        return RunError(
+            f"state {self._paths[0].parent}: does not fit this scenario ({why}); name another folder with --state"
+        )
 
 
-def write_durably(path: Path, content: Payload) -> None:
-    """Replace a file by `content`, whole or not at all, and not before it is on the disk.
+_MAGIC = b"JouleSt1"
+_HEAD = struct.Struct("<8sQQI")  # magic, number of the write, bytes of content, their CRC-32
+
+
+def write_whole(path: Path, content: Payload, *, durable: bool = True) -> None:
+    """Replace a file by `content`, whole or not at all; `durable`: not before it is on the disk.
 
     Raises:
         RunError: it cannot be written.
@@ -105,16 +174,23 @@ def write_durably(path: Path, content: Payload) -> None:
     try:
         with part.open("wb") as file:
             file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         part.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        if durable:
+            sync(path.parent)
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from error
+
+
+def sync(path: Path) -> None:
+    """Have a file or folder on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def generator_state(rng: np.random.Generator) -> dict[str, Any]:

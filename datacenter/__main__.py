@@ -11,6 +11,7 @@ from common.memory import keep_freed_memory
 from common.options import (
     DEFAULT_BROKER,
     BrokerOption,
+    DurableOption,
     KeepStateOption,
     RunOption,
     ScenarioOption,
@@ -31,6 +32,7 @@ def main(
         Path | None,
         typer.Option(envvar="JOULESWARM_STATE", help="Folder for a checkpoint each round; resumes from one it holds."),
     ] = None,
+    durable: DurableOption = False,
     keep_state: KeepStateOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
@@ -50,6 +52,7 @@ def main(
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
+        from common.state import Keep
         from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
@@ -66,7 +69,7 @@ def main(
             connect_timeout_s=settings.bus.connect_timeout_s,
             meter=Meter("client", state),
         )
-        run_datacenter(settings, name, bus, state, keep_state=keep_state)
+        run_datacenter(settings, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import hashlib
 from pathlib import Path
 
 from common.scenario import Scenario
-from common.state import State, StateFile, Stateful, write_durably
+from common.state import State, StateFile, Stateful, sync, write_whole
 
 _FINISHED = "finished"
 
@@ -15,15 +15,19 @@ _FINISHED = "finished"
 class Checkpoint:
     """One method's folder: a state for each part that learns by itself, replaced each round. None remembers nothing."""
 
-    def __init__(self, folder: Path | None, owner: str = "") -> None:
-        """`owner`: see `owner_of`."""
-        self.folder, self._owner = folder, owner
+    def __init__(self, folder: Path | None, owner: str = "", *, durable: bool = False) -> None:
+        """`owner`: see `owner_of`; `durable`: see `common.state.StateFile`."""
+        self.folder, self._owner, self._durable = folder, owner, durable
+        self._files: dict[str, StateFile] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
 
     def save(self, round_: int, state: State, part: str = "state") -> None:
         """Keep where `part` stands after `round_`; whole or not at all."""
         if self.folder is not None:
+            if self._durable:
+                for frames in self.folder.glob("*.bin"):
+                    sync(frames)
             self._file(part).save(State.of({"learned": state, "done": State(values={"round": round_})}))
 
     def load(self, part: str = "state") -> tuple[int, State] | None:
@@ -50,7 +54,7 @@ class Checkpoint:
     def keep_model(self, round_: int, payload: bytes) -> None:
         """Keep a meta-model that goes down when the stage is over."""
         if self.folder is not None:
-            write_durably(self.folder / f"model-{round_:05d}.safetensors", payload)
+            write_whole(self.folder / f"model-{round_:05d}.safetensors", payload)
 
     def models(self) -> dict[int, bytes]:
         """Round -> meta-model kept, of rounds before the one that `restore` goes on from."""
@@ -66,8 +70,9 @@ class Checkpoint:
         """The stage is over and its models are with the robots: forget all but that."""
         if self.folder is not None:
             (self.folder / _FINISHED).touch()
-            for pattern in ("*.safetensors", "*.bin", "*.part"):
-                for path in self.folder.glob(pattern):
+            self._files.clear()
+            for path in self.folder.iterdir():
+                if path.name != _FINISHED:
                     path.unlink()
 
     def clear(self) -> None:
@@ -79,7 +84,7 @@ class Checkpoint:
 
     def _file(self, part: str) -> StateFile:
         assert self.folder is not None
-        return StateFile(self.folder / f"{part}.safetensors", self._owner)
+        return StateFile(self.folder / f"{part}.safetensors", self._owner, durable=self._durable)
 
 
 def owner_of(scenario: Scenario, run: str, method: str) -> str:

@@ -15,6 +15,7 @@ from common.payloads import ModelHeader, Presence, decode_json, encode_model
 from common.reports import Reporter
 from common.runlog import RoundRow
 from common.scenario import Scenario
+from common.state import NOTHING, Keep
 from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, owner_of
@@ -24,10 +25,8 @@ from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
 
 
-def run_datacenter(
-    scenario: Scenario, run: str, bus: Bus, state: Path | None = None, *, keep_state: bool = False
-) -> None:
-    """Do the data center's part of every method, in the robots' order; with a folder `state` go on from where one was
+def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING) -> None:
+    """Do the data center's part of every method, in the robots' order; with a folder to `keep` go on from where one was
     killed.
 
     Raises:
@@ -35,13 +34,14 @@ def run_datacenter(
         RunError: the folder holds another scenario's state.
         TrainingError: a gradient is not finite.
     """
+    state = keep.folder
     listener = Listener(bus, scenario.bus.resend_after_s)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
     identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
     checkpoints = {
-        method: Checkpoint(state / method if state else None, owner_of(scenario, run, method))
+        method: Checkpoint(state / method if state else None, owner_of(scenario, run, method), durable=keep.durable)
         for method in scenario.methods
         if method in (*META_METHODS, *SERVICES)
     }
@@ -49,9 +49,8 @@ def run_datacenter(
         if not checkpoint.is_finished:
             work = meta_train if method in META_METHODS else serve
             work(scenario, method, run, listener, identity, reporter, checkpoint)
-            bus.meter.flush()
     reporter.leave(identity.filters, topics.presence(run, 0, 0))
-    if not keep_state:
+    if not keep.at_the_end:
         _forget(state, checkpoints)
 
 

@@ -55,6 +55,10 @@ def run(
     restarts: Annotated[
         int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
     ] = 20,
+    durable: Annotated[
+        bool,
+        typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
+    ] = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -70,14 +74,16 @@ def run(
         assert resume is not None
         if set_ or seed is not None or run_id is not None:
             raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
-        path = resume_deployment(resume, broker, Console(), restarts)
+        path = resume_deployment(resume, broker, Console(), restarts, durable=durable)
         print_bill(path, html=figures, figures=figures)
         print(f"run directory: {path}")
         return
     overrides = _overrides(set_, seed)
     settings = load_scenario(scenario, overrides)
     options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
-    path = run_deployment(settings, options, run_id or new_run_id(settings), out, broker, Console(), restarts)
+    path = run_deployment(
+        settings, options, run_id or new_run_id(settings), out, broker, Console(), restarts, durable=durable
+    )
     print_bill(path, html=figures, figures=figures)
     print(f"run directory: {path}")
 

@@ -62,6 +62,8 @@ def run_deployment(
     console: Console,
     restarts: int = RESTARTS,
     intruder: Intruder | None = None,
+    *,
+    durable: bool = False,
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
@@ -71,11 +73,13 @@ def run_deployment(
     if broker is not None:
         parse_url(broker)  # before anything is written
     directory = RunDirectory(out / topics.run_name(run))
-    _deploy(scenario, scenario_options, run, directory, broker, console, restarts, intruder)
+    _deploy(scenario, scenario_options, run, directory, broker, console, restarts, intruder, durable=durable)
     return directory.path
 
 
-def resume_deployment(path: Path, broker: str | None, console: Console, restarts: int = RESTARTS) -> Path:
+def resume_deployment(
+    path: Path, broker: str | None, console: Console, restarts: int = RESTARTS, *, durable: bool = False
+) -> Path:
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
@@ -89,7 +93,7 @@ def resume_deployment(path: Path, broker: str | None, console: Console, restarts
         )
     name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
     directory = RunDirectory(path, resume=True)
-    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, broker, console, restarts)
+    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, broker, console, restarts, durable=durable)
     return path
 
 
@@ -102,6 +106,8 @@ def _deploy(
     console: Console,
     restarts: int,
     intruder: Intruder | None = None,
+    *,
+    durable: bool,
 ) -> None:
     state = directory.path / STATE
     with ExitStack() as stack:
@@ -110,7 +116,15 @@ def _deploy(
         url = broker or _embedded_broker(launcher, state / "broker", console)
         recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
-        common = ["--broker", line, "--run", run, *scenario_options, "--keep-state"]
+        common = [
+            "--broker",
+            line,
+            "--run",
+            run,
+            *scenario_options,
+            "--keep-state",
+            *(["--durable"] if durable else []),
+        ]
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:

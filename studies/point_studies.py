@@ -54,9 +54,9 @@ def plan_baselines(request: Request) -> Plan:
     return Plan(request.jobs([Variant("")], settings), settings)
 
 
-BASELINES = Kind("baselines", 5, 42, plan_baselines, partial(methods_outputs, "Methods side by side"))
+BASELINES = Kind("baselines", 5, 90, plan_baselines, partial(methods_outputs, "Methods side by side"))
 SENSITIVITY = Kind(
-    "sensitivity", 3, 42, partial(sweep, points=sensitivity_points), partial(sweep_outputs, "One setting at a time")
+    "sensitivity", 3, 90, partial(sweep, points=sensitivity_points), partial(sweep_outputs, "One setting at a time")
 )
-REGIMES = Kind("regimes", 5, 42, partial(sweep, points=regime_points), partial(sweep_outputs, "Learning regimes"))
-CODECS = Kind("codecs", 3, 42, partial(sweep, points=codec_points), partial(sweep_outputs, "Encodings"))
+REGIMES = Kind("regimes", 5, 90, partial(sweep, points=regime_points), partial(sweep_outputs, "Learning regimes"))
+CODECS = Kind("codecs", 3, 90, partial(sweep, points=codec_points), partial(sweep_outputs, "Encodings"))

@@ -114,4 +114,4 @@ def _rounds(run: Sequence[Fact]) -> int:
     return sum(fact.rounds for fact in task_stages(run))
 
 
-KIND = Kind("similarity", 3, 42, plan, outputs)
+KIND = Kind("similarity", 3, 90, plan, outputs)
