@@ -12,14 +12,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from common.scenario import Scenario
+from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
 from fleet.launcher import Launcher
 from fleet.proxy import Proxy
 from fleet.recorder import Recorder
+from fleet.report_data import load_run
 from fleet.run import run_deployment
 
 PHASES = ("starting", "meta-learning", "federated")
@@ -42,7 +45,14 @@ class Fault:
     recovery_s: float | None = None
     """From the fault to the next row of whom it was done to (of anybody, where that is no process)."""
     identical: bool | None = None
+    conserved: bool | None = None
+    """Whether what broker and clients have counted fits together."""
     note: str = ""
+
+    @property
+    def is_survived(self) -> bool:
+        """Whether it has changed nothing but the clock."""
+        return bool(self.identical and self.conserved) and self.note != "NOT refused"
 
 
 @dataclass
@@ -78,7 +88,7 @@ class Chaos:
         self._site.tick()
         now_s, phase = time.monotonic(), self.phase
         if self._open is not None:
-            self._look_at(self._open, now_s)
+            self._look_at(self._open)
             return
         fault = next((each for each in self.plan if each.phase == phase), None)
         if fault is None or phase != self._due[0]:
@@ -86,7 +96,7 @@ class Chaos:
         elif now_s >= self._due[1]:
             self.plan.remove(fault)
             self.done.append(fault)
-            fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, now_s
+            fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, self._recorder.elapsed_s
             self._open, self._rows, self._due = fault, self._count(fault), ("", 0.0)
 
     @property
@@ -95,7 +105,7 @@ class Chaos:
         rows = self._recorder.rows
         return "starting" if not rows else {"maml": "meta-learning", "fl": "federated"}[rows[-1].phase]
 
-    def _look_at(self, fault: Fault, now_s: float) -> None:
+    def _look_at(self, fault: Fault) -> None:
         if fault.kind == "same robot twice":
             answer = refused(self._site.twins[-1])
             if answer is None:
@@ -108,7 +118,7 @@ class Chaos:
             return
         elif self._count(fault) <= self._rows:
             return
-        fault.recovery_s, self._open = now_s - fault.at_s, None
+        fault.recovery_s, self._open = self._recorder.elapsed_s - fault.at_s, None
 
     def _count(self, fault: Fault) -> int:
         """Rows so far of whom the fault was done to."""
@@ -146,8 +156,9 @@ def run_chaos(
         chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng)
         run_deployment(scenario, options, chaos.run, out, None, console, _RESTARTS, chaos)
         identical = outcome(out / chaos.run) == expected
+        found = conservation(load_run(out / chaos.run).meter_rows)
         for fault in chaos.done:
-            fault.identical = identical
+            fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
         # Without a single fault the run is too short for what is left.
         if not left or not chaos.done:
@@ -165,13 +176,13 @@ def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
 def chaos_table(faults: Sequence[Fault]) -> Table:
     """One row a fault."""
     identical = sum(fault.identical is True for fault in faults)
-    table = Table(title=f"{len(faults)} faults, {identical} of them in runs with an identical end")
-    for heading in ("run", "phase", "fault", "done to", "recovery, s", "identical", ""):
+    table = Table(title=f"{len(faults)} faults, {identical} of them in runs with an identical end", box=box.SIMPLE)
+    for heading in ("run", "phase", "fault", "done to", "recovery, s", "identical", "bytes fit", ""):
         table.add_column(heading, justify="right" if heading.endswith(" s") else "left")
     for fault in faults:
         recovery = "-" if fault.recovery_s is None else f"{fault.recovery_s:.1f}"
-        said = {True: "yes", False: "NO", None: "?"}[fault.identical]
-        table.add_row(fault.run, fault.phase, fault.kind, fault.target, recovery, said, fault.note)
+        said = [{True: "yes", False: "NO", None: "?"}[each] for each in (fault.identical, fault.conserved)]
+        table.add_row(fault.run, fault.phase, fault.kind, fault.target, recovery, *said, fault.note)
     return table
 
 
@@ -186,3 +197,13 @@ def _makes_sense(kind: FaultKind, phase: str, has_meta: bool) -> bool:
 
 
 __all__ = ["KINDS", "Fault", "chaos_table", "outcome", "plan_faults", "run_chaos"]
+
+
+def chaos_csv(faults: Sequence[Fault]) -> str:
+    """The table for programs."""
+    rows = ["run,phase,fault,target,at_s,recovery_s,identical,bytes_fit,note"]
+    for each in faults:
+        recovery = "" if each.recovery_s is None else f"{each.recovery_s:.2f}"
+        cells = (each.run, each.phase, each.kind, each.target, f"{each.at_s:.2f}", recovery)
+        rows.append(",".join((*cells, str(each.identical), str(each.conserved), each.note)))
+    return "\n".join(rows) + "\n"

@@ -176,7 +176,7 @@ def chaos(
     import typing
 
     from common.scenario import load_scenario
-    from fleet.chaos import KINDS, chaos_table, run_chaos
+    from fleet.chaos import KINDS, chaos_csv, chaos_table, run_chaos
     from fleet.faults import FaultKind
 
     unknown = [each for each in kind or () if each not in KINDS]
@@ -190,7 +190,9 @@ def chaos(
     console = Console()
     done = run_chaos(settings, options, out, faults, seed, pause_s, chosen, console)
     console.print(chaos_table(done))
-    if not done or not all(fault.identical for fault in done) or any(fault.note == "NOT refused" for fault in done):
+    (out / "chaos.csv").write_text(chaos_csv(done), encoding="utf-8")
+    console.print(f"as CSV: {out / 'chaos.csv'}", highlight=False)
+    if len(done) < faults or not all(fault.is_survived for fault in done):
         raise typer.Exit(1)
 
 

@@ -7,6 +7,7 @@ from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downli
 from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
 from common.settings import Energy
 from fleet.arms import METHOD_LABELS, label, labels
+from fleet.conservation import conservation
 from fleet.paper import PAPER_METHODS
 from fleet.report_columns import columns
 from fleet.report_data import Run
@@ -57,7 +58,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
     if has_carbon(energy):
         lines.append("gCO2e = J / 3.6e6 x the site's gCO2e/kWh. A site without an intensity is unknown, not zero.")
     lines.append("Control and telemetry are counted apart and in no bill.")
-    return lines
+    return lines + _notes_of_faults(run)
 
 
 def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
@@ -114,4 +115,30 @@ def _notes_of_the_run(run: Run) -> list[str]:
             unlearned.append(f"task{'s' if len(tasks) > 1 else ''} {', '.join(tasks)} by {name}")
     if unlearned:
         lines.append(f"Not learned: {'; '.join(unlearned)}. Energies are not at equal reward.")
+    return lines
+
+
+def _notes_of_faults(run: Run) -> list[str]:
+    """What faults have cost in bytes; nothing where nothing has failed."""
+    found = conservation(run.meter_rows)
+    if found is None:
+        return []
+    lines = []
+    if found.repeated[0]:
+        lines.append(
+            f"Retransmitted: {found.repeated[0]} messages, {found.repeated[1] / 1e6:.3g} MB of payload, came more than "
+            "once because something had failed. They are in the bytes and in the bill."
+        )
+    if found.lost[0]:
+        lines.append(
+            f"Lost: {found.lost[0]} messages, {found.lost[1] / 1e6:.3g} MB of payload, were written to connections "
+            "that broke before they were received. They are in the bytes and in the bill too."
+        )
+    if found.broken:
+        worst = found.broken[0]
+        lines.append(
+            f"The counters of broker and clients do not fit for {len(found.broken)} client and topic pairs, first "
+            f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+            f"{worst.delivered} (messages, bytes)."
+        )
     return lines

@@ -20,6 +20,7 @@ from rich.console import Console
 
 from common import topics
 from common.errors import ConfigurationError, JouleSwarmError
+from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
 from common.runlog import MANIFEST, STATE, RunDirectory
@@ -114,7 +115,9 @@ def _deploy(
         told = partial(console.print, highlight=False)
         launcher = stack.enter_context(Launcher(directory.path / "logs", restarts, told))
         url = broker or _embedded_broker(launcher, state / "broker", console)
-        recorder = stack.enter_context(_recording(scenario, url, run, directory, console, embedded=broker is None))
+        recorder = stack.enter_context(
+            _recording(scenario, url, run, directory, console, embedded=broker is None, state=state / CLIENT)
+        )
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         common = [
             "--broker",
@@ -175,9 +178,16 @@ def _embedded_broker(launcher: Launcher, state: Path, console: Console) -> str:
 
 @contextlib.contextmanager
 def _recording(
-    scenario: Scenario, url: str, run: str, directory: RunDirectory, console: Console, *, embedded: bool
+    scenario: Scenario,
+    url: str,
+    run: str,
+    directory: RunDirectory,
+    console: Console,
+    *,
+    embedded: bool,
+    state: Path | None = None,
 ) -> Iterator[Recorder]:
-    """A recorder that writes its summary however the run ends."""
+    """A recorder that writes its summary however the run ends; `state`: folder to keep its counters in."""
     described = manifest(scenario, run, url, embedded=embedded)
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
@@ -189,6 +199,7 @@ def _recording(
         will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
         keepalive_s=scenario.bus.keepalive_s,
         connect_timeout_s=scenario.bus.connect_timeout_s,
+        meter=Meter("client", state),
     )
     recorder = Recorder(bus, scenario, run, directory)
     status: Literal["complete", "interrupted", "failed"] = "failed"

@@ -76,6 +76,11 @@ def sent_bytes(meter_rows: Sequence[MeterRow], arm: str, task: int | None, measu
     )
 
 
+def is_party(client: str) -> bool:
+    """Whether a client is one of the deployment, and no onlooker."""
+    return client in (DATA_CENTER, RECORDER) or _ROBOT.fullmatch(client) is not None
+
+
 def _is_for(link: Link, client: str) -> bool:
     if link == Link.UPLINK:
         return client == DATA_CENTER
