@@ -48,7 +48,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
         if weights is None:
             weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
             memory.begin(arm.name, weights)
-        exchange.open_arm(arm, neighbourhood_of(scenario, agent, arm.method))
+        exchange.open_arm(arm, neighbourhood_of(scenario, agent, arm.method), 2 * index + 2)
         if not memory.has_ended(arm.name):
             exchange.announce(2 * index + 1)
             exchange.await_stage(2 * index + 1)
@@ -76,8 +76,7 @@ class Robot:
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
         network, settings = build_qnetwork(scenario.network), scenario.meta
         shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
-        codec = scenario.federation.weights_codec
-        self.exchange = Exchange(bus, run, here, shapes, scenario.bus, codec, self.memory.rows)
+        self.exchange = Exchange(bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows)
         self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
         self._sent: dict[str, set[int]] = {}
 
@@ -115,8 +114,10 @@ class Robot:
             "sharing": sharing,
             "exchange": self.exchange,
         }
-        done = self.memory.restore(arm.name, kept)
-        for round_ in range(done + 1, settings.max_rounds + 1):
+        round_ = self.memory.restore(arm.name, kept)
+        last = False
+        while not last:
+            round_ += 1
             begun = time.monotonic()
             samples = self.explorer.collect(learner, scenario.learning.motions_per_round)
             gradients = learner.learn(scenario.learning.batches_per_round)
@@ -132,7 +133,7 @@ class Robot:
                 ledger.merge(theirs.rewards)
             cluster_reward = ledger.cluster_reward(round_)
             learned = cluster_reward is not None and cluster_reward >= settings.target_reward
-            last = learned or round_ == settings.max_rounds
+            last = learned or round_ >= settings.max_rounds
             if not last:
                 learner.set_weights(sharing.mixed(mine))
 
@@ -143,11 +144,13 @@ class Robot:
                     "rmse_m": rmse_m,
                     "gradients": gradients,
                     "learned": learned if last else None,
+                    "missed": self.exchange.missed,
                 }
             )
             self.exchange.report(row)
-            if last:
-                break
+            if self.exchange.ahead and not last:
+                round_ = min(self.exchange.ahead, settings.max_rounds - 1)
+                learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
         if self.agent == min(scenario.cluster(self.task)):
             self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.absence import Absence
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import Bus, Message, Payload
-from common.codecs import FLOAT32, Shapes, Tensors, Weights, WeightsCodec
+from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError
 from common.identity import Identity
 from common.listener import Listener
@@ -23,6 +24,7 @@ from common.methods import SERVED_METHODS, Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, read_model
 from common.reports import Reporter
 from common.settings import Bus as BusSettings
+from common.settings import Federation
 from common.state import State
 from common.streams import WeightsDecoder, WeightsEncoder
 
@@ -41,13 +43,17 @@ class Exchange:
         here: Neighbourhood,
         shapes: Shapes,
         settings: BusSettings,
-        codec: WeightsCodec = FLOAT32,
+        federation: Federation,
         rows: Path | None = None,
     ) -> None:
         """`rows`: a file that keeps the rows of a robot that was killed."""
         self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
-        self.qos, self.codec = settings.qos, codec
-        self.encoder = WeightsEncoder(codec)
+        self.qos, self.codec = settings.qos, federation.weights_codec
+        self.encoder = WeightsEncoder(self.codec)
+        self._absence = Absence(federation)
+        self._ahead: dict[int, tuple[Tensors, ModelHeader]] = {}
+        self._end_stage = 0
+        self.missed: tuple[int, ...] = ()
         self._decoders: dict[int, WeightsDecoder] = {}
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
         self._datacenter_stage = 0
@@ -101,15 +107,20 @@ class Exchange:
 
     def await_stage(self, stage: int) -> None:
         """Wait until every neighbour has come as far as `stage`; serves requests meanwhile."""
-        self.until(
-            lambda: all(reached >= stage for reached in self._stages.values()),
-            lambda: f"robots {[each for each, reached in self._stages.items() if reached < stage]} to come",
-        )
+        self._absence.begin()
 
-    def open_arm(self, arm: Arm, here: Neighbourhood) -> None:
-        """Listen to the neighbours' weights of this arm, `here` being its neighbourhood."""
+        def behind() -> list[int]:
+            return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
+
+        self.until(lambda: not behind(), lambda: f"robots {behind()} to come")
+
+    def open_arm(self, arm: Arm, here: Neighbourhood, end_stage: int) -> None:
+        """Listen to the neighbours' weights of this arm, `here` being its neighbourhood.
+
+        `end_stage`: of robots that are done with the arm.
+        """
         run = self.run
-        self.here = here
+        self.here, self._end_stage, self._ahead = here, end_stage, {}
         self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
         self.encoder = WeightsEncoder(self.codec)
         self._decoders = {each: self.decoder() for each in here.neighbours}
@@ -132,21 +143,46 @@ class Exchange:
         self._say(round_)
 
     def gather(self, round_: int) -> Arrived:
-        """The neighbours' weights of `round_`, all of them, as they come out of the codec."""
-        self._arrived.setdefault(round_, {})
+        """The neighbours' weights of `round_`, as they come out of the codec.
+
+        All of them; unless going on without the missing is allowed: then `missed` tells whose have not come.
+        """
+        arrived = self._arrived.setdefault(round_, {})
+        self._absence.begin()
 
         def missing() -> list[int]:
-            return [each for each in self.here.neighbours if each not in self._arrived[round_]]
+            return [each for each in self.here.neighbours if each not in arrived]
+
+        def waited_for() -> list[int]:
+            return [] if self.ahead else self._absence.waited_for([each for each in missing() if not self._past(each)])
 
         def ask() -> None:
             for each in missing():
                 topic = topics.resend(self.run, self.arm, self.here.task, each)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 
-        self.until(lambda: not missing(), lambda: f"round {round_} of robots {missing()}", ask, at_once=self._is_back)
-        self._gathered, self._is_back = round_, False
-        arrived = self._arrived.pop(round_)
+        self.until(
+            lambda: not waited_for(), lambda: f"round {round_} of robots {missing()}", ask, at_once=self._is_back
+        )
+        self._gathered, self._is_back, self.missed = round_, False, tuple(missing())
+        self._arrived = {each: held for each, held in self._arrived.items() if each > round_}
         return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
+
+    @property
+    def ahead(self) -> int:
+        """The newest round heard of where neighbours have gone on without this robot; 0 if they have not."""
+        return max((header.round for _, header in self._ahead.values()), default=0)
+
+    def catch_up(self) -> Weights:
+        """The newest model of a neighbour that has gone on; its round is this robot's newest from here on."""
+        self._gathered, newest = self.ahead, max(self._ahead, key=lambda each: self._ahead[each][1].round)
+        (tensors, _), self._ahead, self._arrived = self._ahead[newest], {}, {}
+        return self._decoders[newest].decode(tensors)
+
+    def _past(self, agent: int) -> bool:
+        """Whether a neighbour will not send this round any more: it has ended, or caught up with a later one."""
+        later = any(agent in held for round_, held in self._arrived.items() if round_ > self._gathered + 1)
+        return self._absence.is_tolerated and (later or self._stages.get(agent, 0) >= self._end_stage)
 
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""
@@ -209,6 +245,8 @@ class Exchange:
             self._listener.repeated(message, self.qos)
         elif header.round <= self._gathered + 2:
             self._arrived.setdefault(header.round, {})[agent] = (tensors, header)
+        elif self._absence.is_tolerated:
+            self._ahead[agent] = (tensors, header)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
@@ -217,14 +255,15 @@ class Exchange:
         if presence.agent == self.here.agent:
             self._identity.heard(presence)
         elif presence.state == "gone":
-            log.warning(
-                "%s is gone; waiting for it to come back",
-                f"robot {presence.agent}" if presence.agent else "data center",
-            )
+            self._absence.gone(presence.agent)
+            name = f"robot {presence.agent}" if presence.agent else "data center"
+            does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
+            log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
             self._datacenter_stage = presence.stage
         elif presence.agent in self._stages:
             self._stages[presence.agent] = presence.stage
+            self._absence.here(presence.agent)
 
     def _take_resend(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)

@@ -65,7 +65,8 @@ class Listener:
         """
         quiet_from, connections = time.monotonic(), self.bus.connections - at_once
         while not condition():
-            self.take_next(self._quiet_s if connections == self.bus.connections else 0)
+            # At least once a second, for conditions that hold by the clock.
+            self.take_next(min(1.0, self._quiet_s) if connections == self.bus.connections else 0)
             if condition():
                 return
             lost = connections != self.bus.connections

@@ -34,16 +34,24 @@ class RewardLedger:
         return {agent: max(rounds.items()) for agent, rounds in self._rewards.items() if rounds}
 
     def running_reward(self, agent: int, round_: int) -> float:
-        """Mean reward of one robot over the last `window` rounds up to `round_` (fewer at the start)."""
-        rounds = range(max(1, round_ - self._window + 1), round_ + 1)
-        return sum(self._rewards[agent][each] for each in rounds) / len(rounds)
+        """Mean reward of one robot over the last `window` rounds up to `round_`: those of them that are known.
+
+        At the start there are fewer; later all are known, unless the robot was left out of some.
+        """
+        known = self._known(agent, round_)
+        return sum(known) / len(known)
 
     def cluster_reward(self, round_: int) -> float | None:
         """R of the cluster as known to all its robots once round `round_`'s payloads are in, or None yet."""
         settled = round_ - (self._diameter - 1)
         if settled < 1:
             return None
-        return sum(self.running_reward(agent, settled) for agent in self._cluster) / len(self._cluster)
+        heard = [agent for agent in self._cluster if self._known(agent, settled)]
+        return sum(self.running_reward(agent, settled) for agent in heard) / len(heard) if heard else None
+
+    def _known(self, agent: int, round_: int) -> list[float]:
+        rewards = self._rewards[agent]
+        return [rewards[each] for each in range(max(1, round_ - self._window + 1), round_ + 1) if each in rewards]
 
     def state(self) -> State:
         """See `common.state.Stateful`."""

@@ -61,6 +61,8 @@ class RoundRow(BaseModel):
     """Payload bytes of raw observations that the data center's round was learned from."""
     learned: bool | None = None
     """On a robot's last row of an arm: whether R reached the target."""
+    missed: tuple[int, ...] = ()
+    """Neighbours without whom the robot went on (federation.on_missing = "proceed")."""
     refused: int = 0
     """Payloads refused so far."""
     seconds: float

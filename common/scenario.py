@@ -67,6 +67,7 @@ class Scenario(Section):
             rounds = getattr(self.meta, name)
             if any(round_ > self.meta.t0 for round_ in rounds):
                 raise ValueError(f"meta.{name} {rounds} reach past meta.t0 = {self.meta.t0}")
+        self._check_on_missing()
         for task_id in ids:
             size = len(self.cluster(task_id))
             if (
@@ -81,6 +82,14 @@ class Scenario(Section):
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
         return self
+
+    def _check_on_missing(self) -> None:
+        served = [method for method in self.methods if method in SERVED_METHODS]
+        if self.federation.on_missing == "proceed" and (served or self.federation.codec == "topk"):
+            raise ValueError(
+                f'federation.on_missing = "proceed" with {", ".join(served) or "codec topk"}: expected methods over '
+                "sidelinks and a codec whose messages are whole, for who comes back has missed some"
+            )
 
     @property
     def meta_methods(self) -> tuple[Method, ...]:

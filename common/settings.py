@@ -110,6 +110,13 @@ class Federation(Section):
         "int8 (a float32 scale a tensor) or topk (the entries that changed most, 8 bytes each; first messages whole)",
     )
     topk_share: float = Field(0.05, gt=0, le=1, description="share of the entries in a topk message, over all tensors")
+    on_missing: Literal["wait", "proceed"] = Field(
+        "wait",
+        description="when a neighbour is gone: wait for it (the same result whatever happens), or go on without it",
+    )
+    missing_after_s: PositiveFloat = Field(
+        30.0, description="with on_missing proceed: a neighbour that is not heard of for this long is left out"
+    )
     max_rounds: Positive = 200
     target_reward: float = 50.0
     reward_window: Positive = Field(5, description="R is the mean over this many rounds")

@@ -39,7 +39,7 @@ class Collector(Desk):
         self._bus.publish(topic, encode_json(RoundRequest(first=first, last=last)), retain=True)
 
     def collect(self, round_: int) -> dict[int, list[list[Motion]]]:
-        """Training task -> one list of motions, in order, for each of its robots."""
+        """Training task -> one list of motions, in order, for each of its robots (but those that are left out)."""
         asked = itertools.count(1)
         self._listener.until(
             lambda: not self._missing(round_),
@@ -47,9 +47,11 @@ class Collector(Desk):
             lambda: self._ask_again(round_, self._missing(round_), begun_only=next(asked) == 1),
         )
         self._collected = round_
-        arrived = self._motions.pop(round_)
+        arrived = self._motions.pop(round_, {})
         return {
-            task: [[arrived[agent][motion] for motion in sorted(arrived[agent])] for agent in agents]
+            task: [
+                [arrived[agent][motion] for motion in sorted(arrived[agent])] for agent in agents if agent in arrived
+            ]
             for task, agents in self._scenario.training_agents.items()
         }
 
@@ -64,7 +66,9 @@ class Collector(Desk):
 
     def _missing(self, round_: int) -> list[int]:
         arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
-        return [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
+        behind = [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
+        # A task that nothing has ever been heard of cannot be learned: that first round is waited for.
+        return [agent for agent in behind if round_ == 1 or not self.is_left_out(agent)]
 
     def _ask_again(self, round_: int, agents: list[int], *, begun_only: bool) -> None:
         # A robot that has not come yet will hear of the wanted rounds when it does. One that has, but of whose round

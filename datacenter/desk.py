@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 
 from common import topics
 from common.bus import Message
@@ -19,6 +20,7 @@ class Desk:
     def __init__(self, listener: Listener, scenario: Scenario, run: str, arm: str) -> None:
         self._listener, self._bus, self._scenario, self._run, self._arm = listener, listener.bus, scenario, run, arm
         self._stages: dict[int, int] = dict.fromkeys(scenario.agents, -1)
+        self._gone: dict[int, float] = {}
         self.subscriptions = [topics.presence(run, scenario.task_of(agent), agent) for agent in scenario.agents]
 
     @property
@@ -36,8 +38,15 @@ class Desk:
         self._bus.unsubscribe(*self.subscriptions)
 
     def all_reached(self, stage: int) -> bool:
-        """Whether every robot of the scenario has come as far as `stage`."""
-        return all(reached >= stage for reached in self._stages.values())
+        """Whether every robot of the scenario, but those that are left out, has come as far as `stage`."""
+        return all(reached >= stage or self.is_left_out(agent) for agent, reached in self._stages.items())
+
+    def is_left_out(self, agent: int) -> bool:
+        """Whether a robot has been gone for so long that the others go on without it (federation.on_missing)."""
+        settings, since_s = self._scenario.federation, self._gone.get(agent)
+        if settings.on_missing == "wait" or since_s is None:
+            return False
+        return time.monotonic() - since_s >= settings.missing_after_s
 
     def repeated(self, message: Message) -> None:
         """Book a message that had come before."""
@@ -53,5 +62,7 @@ class Desk:
             presence = decode_json(message.payload, Presence)
             if presence.state == "gone":
                 log.warning("robot %d is gone; waiting for it to come back", presence.agent)
+                self._gone.setdefault(presence.agent, time.monotonic())
             elif presence.agent in self._stages:
                 self._stages[presence.agent] = presence.stage
+                self._gone.pop(presence.agent, None)

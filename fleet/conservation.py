@@ -59,13 +59,14 @@ def conservation(meter_rows: Sequence[MeterRow]) -> Conservation | None:
     )
 
 
-def balances(meter_rows: Iterable[MeterRow]) -> list[Balance]:
+def balances(meter_rows: Sequence[MeterRow]) -> list[Balance]:
     """One for each client of the deployment and topic, in a stable order; onlookers' are left out."""
     names = {("broker", "out"): "delivered", ("broker", "acked"): "acknowledged", ("client", "in"): "received"}
+    told = {row.client for row in meter_rows if row.side == "client"}  # of others nothing is known
     parts: dict[tuple[str, str], dict[str, tuple[int, int]]] = {}
     for row in meter_rows:
         name = names.get((row.side, row.direction)) or ("repeated" if row.direction == "repeated" else None)
-        if name is not None and is_party(row.client):
+        if name is not None and row.client in told and is_party(row.client):
             parts.setdefault((row.client, row.topic), {})[name] = row.messages, row.payload_bytes
     return [Balance(client, topic, **counts) for (client, topic), counts in sorted(parts.items())]
 

@@ -28,9 +28,19 @@ _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREA
 class Launcher:
     """Context manager: processes started in it are ended when it is left, however it is left."""
 
-    def __init__(self, logs: Path, restarts: int = 0, told: Callable[[str], None] = lambda line: None) -> None:
-        """A process that a signal has ended is started again up to `restarts` times, and `told` in a line."""
-        self._logs, self._restarts, self._told = logs, restarts, told
+    def __init__(
+        self,
+        logs: Path,
+        restarts: int = 0,
+        told: Callable[[str], None] = lambda line: None,
+        may_miss: Callable[[str], bool] = lambda name: False,
+    ) -> None:
+        """A process that a signal has ended is started again up to `restarts` times, and `told` in a line.
+
+        Then that is an error, unless the others go on without it: `may_miss`.
+        """
+        self._logs, self._restarts, self._told, self._may_miss = logs, restarts, told, may_miss
+        self._missed: set[str] = set()
         logs.mkdir(parents=True, exist_ok=True)
         self._broker: subprocess.Popen[str] | None = None
         self._broker_command: list[str] = []
@@ -114,10 +124,17 @@ class Launcher:
         if self._broker is not None and self._broker.poll() is not None:
             ended["broker"] = self._broker.returncode
         for name, code in ended.items():
-            if code >= 0 or self._restarted[name] >= self._restarts:
+            if code < 0 and self._restarted[name] >= self._restarts and self._may_miss(name):
+                self._miss(name, code)
+            elif code >= 0 or self._restarted[name] >= self._restarts:
                 raise RunError(f"{name} ended with code {code}: {self._tail(name)}")
-            if time.monotonic() >= self._held.get(name, 0.0):
+            elif time.monotonic() >= self._held.get(name, 0.0):
                 self._restart(name, code)
+
+    def _miss(self, name: str, code: int) -> None:
+        if name not in self._missed:
+            self._missed.add(name)
+            self._told(f"{name} was ended by {signal.Signals(-code).name}; the others go on without it")
 
     def hold(self, name: str, seconds: float) -> None:
         """Do not start a process again before so many seconds are over."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import secrets
 import time
+from pathlib import Path
 from typing import Literal
 
 from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
-from common.meter import MeterRow
+from common.meter import MeterRow, read_rows
 from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
@@ -29,7 +30,11 @@ _SNAPSHOT_WAIT_S = 3.0
 class Recorder:
     """Writes down a run from its beginning to the last process's byte counters."""
 
-    def __init__(self, bus: Bus, scenario: Scenario, run: str, directory: RunDirectory) -> None:
+    def __init__(
+        self, bus: Bus, scenario: Scenario, run: str, directory: RunDirectory, state: Path | None = None
+    ) -> None:
+        """`state`: folder with a folder of each process's counters, for those that hand in none."""
+        self._state = state
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
         self._begun = time.monotonic()
         self._progress_at = 0.0
@@ -53,10 +58,8 @@ class Recorder:
     @property
     def waiting_for(self) -> list[str]:
         """Processes that have not handed in their counters yet."""
-        expected = [f"agent-{agent}" for agent in self._scenario.agents]
-        if self._scenario.needs_datacenter:
-            expected.append("datacenter")
-        return [client for client in expected if client not in self._reports]
+        left = [client for client in self._clients if client not in self._reports]
+        return [] if all(self._is_left_out(client) for client in left) else left
 
     @property
     def received_bytes(self) -> dict[str, int]:
@@ -95,9 +98,28 @@ class Recorder:
         Raises:
             RunError: one has been gone for longer than a lost connection may take to be won back.
         """
+        if self._scenario.federation.on_missing == "proceed":
+            return
         for client, since_s in self._gone.items():
             if self.elapsed_s - since_s > self._scenario.bus.connect_timeout_s:
                 raise RunError(f"{client} died, its connection broke off; see what it printed")
+
+    @property
+    def _clients(self) -> list[str]:
+        """All processes that are to hand in counters."""
+        robots = [f"agent-{agent}" for agent in self._scenario.agents]
+        return [*robots, DATA_CENTER] if self._scenario.needs_datacenter else robots
+
+    def _counted_by(self, client: str) -> list[MeterRow]:
+        """The counters of a process that was killed or interrupted, as far as it has come."""
+        return read_rows("client", self._state / client) if self._state is not None else []
+
+    def _is_left_out(self, client: str) -> bool:
+        """Whether a process is gone for good and the others go on without it (federation.on_missing)."""
+        settings, since_s = self._scenario.federation, self._gone.get(client)
+        if settings.on_missing == "wait" or since_s is None:
+            return False
+        return self.elapsed_s - since_s > settings.missing_after_s
 
     def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
         """Fetch the broker's counters and write meter and summary."""
@@ -107,7 +129,7 @@ class Recorder:
         self._ask_broker()
         self._bus.unsubscribe(topics.BROKER_METER)
         own = self._bus.meter.rows()
-        clients = [row for client in sorted(self._reports) for row in self._reports[client]]
+        clients = [row for client in self._clients for row in self._reports.get(client) or self._counted_by(client)]
         meter = [*self._broker_rows, *clients, *own]
         self._directory.meter(meter)
         self._directory.summary(summarise(self._scenario, self._directory.rows, meter, status=status))

@@ -120,10 +120,12 @@ def _notes_of_the_run(run: Run) -> list[str]:
 
 def _notes_of_faults(run: Run) -> list[str]:
     """What faults have cost in bytes; nothing where nothing has failed."""
+    lines = []
+    if any(row.missed for row in run.rows):
+        lines.append(f"Robots went on without neighbours that were gone: {'; '.join(_missed(run))}.")
     found = conservation(run.meter_rows)
     if found is None:
-        return []
-    lines = []
+        return lines
     if found.repeated[0]:
         lines.append(
             f"Retransmitted: {found.repeated[0]} messages, {found.repeated[1] / 1e6:.3g} MB of payload, came more than "
@@ -142,3 +144,16 @@ def _notes_of_faults(run: Run) -> list[str]:
             f"{worst.delivered} (messages, bytes)."
         )
     return lines
+
+
+def _missed(run: Run) -> list[str]:
+    """Who went on without whom in which rounds of which arm."""
+    rounds: dict[tuple[str, int, int], list[int]] = {}
+    for row in run.rows:
+        for neighbour in row.missed:
+            rounds.setdefault((row.arm, row.agent, neighbour), []).append(row.round)
+    names = labels(run.scenario)
+    return [
+        f"{names[arm]}: robot {agent} without {neighbour} in {len(held)} rounds, {min(held)} to {max(held)}"
+        for (arm, agent, neighbour), held in sorted(rounds.items())
+    ]

@@ -113,7 +113,10 @@ def _deploy(
     state = directory.path / STATE
     with ExitStack() as stack:
         told = partial(console.print, highlight=False)
-        launcher = stack.enter_context(Launcher(directory.path / "logs", restarts, told))
+        goes_on = scenario.federation.on_missing == "proceed"
+        launcher = stack.enter_context(
+            Launcher(directory.path / "logs", restarts, told, lambda name: goes_on and name.startswith("agent-"))
+        )
         url = broker or _embedded_broker(launcher, state / "broker", console)
         recorder = stack.enter_context(
             _recording(scenario, url, run, directory, console, embedded=broker is None, state=state / CLIENT)
@@ -187,7 +190,7 @@ def _recording(
     embedded: bool,
     state: Path | None = None,
 ) -> Iterator[Recorder]:
-    """A recorder that writes its summary however the run ends; `state`: folder to keep its counters in."""
+    """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
     described = manifest(scenario, run, url, embedded=embedded)
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
@@ -199,9 +202,9 @@ def _recording(
         will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
         keepalive_s=scenario.bus.keepalive_s,
         connect_timeout_s=scenario.bus.connect_timeout_s,
-        meter=Meter("client", state),
+        meter=Meter("client", state and state / CLIENT),
     )
-    recorder = Recorder(bus, scenario, run, directory)
+    recorder = Recorder(bus, scenario, run, directory, state)
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
         yield recorder

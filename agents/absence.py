@@ -1,0 +1,37 @@
+"""Which neighbours are not waited for: `federation.on_missing`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from common.settings import Federation
+
+
+class Absence:
+    """Who is excused from a round. With `wait`, the default, nobody ever is: the run does not depend on timing."""
+
+    def __init__(self, settings: Federation) -> None:
+        self.is_tolerated = settings.on_missing == "proceed"
+        self._after_s = settings.missing_after_s
+        self._gone: set[int] = set()
+        self._since_s = 0.0
+
+    def gone(self, agent: int) -> None:
+        """The broker tells that a neighbour's connection broke off."""
+        self._gone.add(agent)
+
+    def here(self, agent: int) -> None:
+        """A neighbour is there, or is there again."""
+        self._gone.discard(agent)
+
+    def begin(self) -> None:
+        """From now on neighbours are waited for."""
+        self._since_s = time.monotonic()
+
+    def waited_for(self, missing: Sequence[int]) -> list[int]:
+        """Those of the missing without whom it does not go on."""
+        if not self.is_tolerated:
+            return list(missing)
+        overdue = time.monotonic() - self._since_s >= self._after_s
+        return [] if overdue else [agent for agent in missing if agent not in self._gone]
