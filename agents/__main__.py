@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from common.memory import keep_freed_memory
-from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
+from common.options import DEFAULT_BROKER, BrokerOption, KeysOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -18,6 +18,7 @@ def main(
     id: Annotated[int, typer.Option(envvar="JOULESWARM_ID", help="Which robot of the scenario this is, from 1.")],
     scenario: ScenarioOption,
     broker: BrokerOption = DEFAULT_BROKER,
+    keys: KeysOption = None,
     task: Annotated[
         int | None, typer.Option(envvar="JOULESWARM_TASK", help="Its task; checked against the scenario.")
     ] = None,
@@ -37,6 +38,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError
+        from common.keys import credentials_of
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
@@ -55,6 +57,7 @@ def main(
         bus = MqttBus.connect(
             broker,
             f"agent-{id}",
+            credentials=credentials_of(keys, f"agent-{id}"),
             will=(topics.presence(name, assigned, id), gone),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from common.memory import keep_freed_memory
-from common.options import DEFAULT_BROKER, BrokerOption, RunOption, ScenarioOption, SetOption, VerboseOption
+from common.options import DEFAULT_BROKER, BrokerOption, KeysOption, RunOption, ScenarioOption, SetOption, VerboseOption
 from common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -18,6 +18,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions
 def main(
     scenario: ScenarioOption,
     broker: BrokerOption = DEFAULT_BROKER,
+    keys: KeysOption = None,
     run: RunOption = None,
     state: Annotated[
         Path | None,
@@ -37,6 +38,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError
+        from common.keys import credentials_of
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
@@ -51,6 +53,7 @@ def main(
         bus = MqttBus.connect(
             broker,
             "datacenter",
+            credentials=credentials_of(keys, "datacenter"),
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
