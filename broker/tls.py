@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import socket
 import ssl
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +15,9 @@ from broker.errors import TlsFailed
 from broker.inbound import PacketReader
 from common.errors import ConfigurationError
 from common.tls import TlsSocket
+
+# A fatal alert, protocol_version, as a record by itself (RFC 8446, sections 5.1 and 6.2).
+_PROTOCOL_VERSION = b"\x15\x03\x03\x00\x02\x02\x46"
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,16 @@ async def shake_hands(sock: ssl.SSLSocket) -> None:
             await _event(loop.add_writer, loop.remove_writer, sock)
         except OSError as error:
             reason = error.reason if isinstance(error, ssl.SSLError) else error.strerror
+            if reason == "WRONG_VERSION_NUMBER":
+                _answer_plain(sock)
             raise TlsFailed(f"TLS handshake failed: {reason or error}") from error
+
+
+def _answer_plain(sock: ssl.SSLSocket) -> None:
+    """Tell a client that does not speak TLS what it has come to; OpenSSL says nothing to it."""
+    with contextlib.suppress(OSError):
+        socket.socket.recv(sock, 65536)  # with bytes left unread the close would overtake the answer
+        socket.socket.send(sock, _PROTOCOL_VERSION)
 
 
 async def _event(add: Callable[..., Any], remove: Callable[[Any], Any], sock: ssl.SSLSocket) -> None:

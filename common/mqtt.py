@@ -16,7 +16,7 @@ from common.errors import BrokerUnreachableError, ConfigurationError
 from common.keys import Credentials
 from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
-from common.refusals import SERVER_UNAVAILABLE, connack_refusal, refusal, why
+from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
 from common.tls import TlsSocket
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
@@ -242,7 +242,9 @@ class MqttBus:
         with self._changed:
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
-            self._why_lost, self._why_refused = self._why_refused or f"connection lost: {reason}", ""
+                self._why_lost = f"connection lost: {reason}"
+            else:
+                self._why_lost, self._why_refused = self._why_refused or closed_early(self._address), ""
             self._granted.clear()
             self._asked.clear()
             self._changed.notify_all()

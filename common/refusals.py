@@ -42,6 +42,11 @@ def why(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+def closed_early(address: BrokerAddress) -> str:
+    """The same for a connection that was closed before CONNACK."""
+    return "it closed the connection without an answer" + ("" if address.tls else "; a port with TLS wants mqtts://")
+
+
 def _mistake(error: OSError, host: str) -> str | None:
     if isinstance(error, TlsAnswerError):
         return "got TLS, expected plain MQTT; give its URL as mqtts://, and --keys FOLDER"
@@ -68,9 +73,7 @@ def _about_their_certificate(code: int, message: str, host: str) -> str:
     if code == _NOT_YET:
         return f"{got}, expected one that is valid already; check the clocks of both machines"
     if code in _NAMES:
-        return (
-            f"{got}, expected one for {host}; give the URL with a host of it, or `jouleswarm keys init --hosts {host}`"
-        )
+        return f"{got}, expected one for {host}; give the URL with a host of it, or make keys with --hosts {host}"
     return (
         f"{got}, expected one signed by the CA in this client's folder of keys; give the --keys made with the broker's"
     )
