@@ -126,12 +126,17 @@ def main(
     )
     try:
         tls, guard = protection_of(keys, tls_cert, tls_key, tls_client_ca, users, rights, connect_timeout_s)
-        if warning := warning_of(host, with_tls=tls is not None, with_users=guard is not None):
-            typer.echo(f"broker: {warning}", err=True)
+        warning = warning_of(host, with_tls=tls is not None, with_users=guard is not None)
         if port is None:
             port = DEFAULT_PORT if tls is None else DEFAULT_TLS_PORT
         settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits, tls)
-        asyncio.run(run(settings, _announce_json if exit_with_stdin else _announce, guard))
+
+        def ready(addresses: Addresses) -> None:
+            if warning:
+                typer.echo(f"broker: {warning}", err=True)
+            (_announce_json if exit_with_stdin else _announce)(addresses)
+
+        asyncio.run(run(settings, ready, guard))
     except JouleSwarmError as error:
         typer.echo(f"broker: {error}", err=True)
         sys.exit(error.exit_code)

@@ -19,9 +19,6 @@ from common.mqtt_client import name_of
 UNAVAILABLE, BAD_CREDENTIALS, NOT_AUTHORIZED = 3, 4, 5
 VERIFICATIONS = 2  # at once: each takes a core for tens of milliseconds, and tens of megabytes
 CACHED_TOPICS = 1000
-# What is verified for a user that does not exist, so that the time does not tell.
-_NOBODY = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1).hash("")
-
 Users = dict[str, str]
 
 
@@ -69,7 +66,9 @@ class Guard:
 
     def __init__(self, users: Users, rights: Rights, timeout_s: float) -> None:
         self._users, self._rights, self._timeout_s = users, rights, timeout_s
-        self._hasher = PasswordHasher()  # verifies by the parameters in the hash
+        self._hasher = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)
+        # Verified for a user that does not exist, so that the time does not tell.
+        self._nobody = self._hasher.hash("")
         self._threads = ThreadPoolExecutor(VERIFICATIONS, "login")
 
     async def admit(self, session: Any, refused: Callable[[str], None]) -> Grants:
@@ -104,7 +103,7 @@ class Guard:
     def _verify(self, user: str, password: str) -> bool:
         known = self._users.get(user)
         try:
-            return self._hasher.verify(known or _NOBODY, password) and known is not None
+            return self._hasher.verify(known or self._nobody, password) and known is not None
         except Argon2Error:
             return False
 
