@@ -130,7 +130,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             connection.send(bytes((0x20, 2, 0, refused.code)))  # CONNACK (section 3.2)
             await connection.close()
             return False
-        session.ssl_object = None  # a persistent session outlives its connection
+        session.password = session.ssl_object = None  # a persistent session outlives its connection
         return True
 
     def _not_permitted(self, client_id: str, what: str) -> None:

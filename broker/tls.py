@@ -36,6 +36,7 @@ class TlsFiles:
         """
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_3
+        context.num_tickets = 0  # nobody resumes a session
         context.sslsocket_class = TlsSocket
         try:
             context.load_cert_chain(self.certificate, self.key)
@@ -55,8 +56,12 @@ class TlsPacketReader(PacketReader):
 
     async def _receive(self, target: memoryview, wanted: int) -> int:
         if isinstance(self._sock, ssl.SSLSocket) and self._ended is None and self._sock.pending():
-            self._loop.call_soon(self._on_readable)
+            self._loop.call_soon(self._on_pending)
         return await super()._receive(target, wanted)
+
+    def _on_pending(self) -> None:
+        if self._ended is None:
+            self._on_readable()
 
 
 async def shake_hands(sock: ssl.SSLSocket) -> None:

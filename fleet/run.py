@@ -54,6 +54,8 @@ def run_deployment(
     if broker is not None:
         parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
+    for agent in scenario.agents:
+        credentials_of(keys, f"agent-{agent}")
     keys_options = [] if keys is None else ["--keys", str(keys.resolve())]
     directory = RunDirectory(out / topics.run_name(run))
     with ExitStack() as stack:

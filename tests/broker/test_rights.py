@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from broker.access import parse_users
+from broker.access import CACHED_TOPICS, Grants, parse_users
 from broker.rights import Access, covers, matches, parse_rights, permits, permits_filter
 from common.errors import ConfigurationError
 
@@ -131,6 +131,18 @@ def test_a_filter_matches_as_the_naive_matcher_does(topic_filter: str, topic: st
 def test_nothing_comes_by_a_covered_filter_that_the_right_does_not_match(wide: str, narrow: str, topic: str) -> None:
     if covers(tuple(wide.split("/")), tuple(narrow.split("/"))) and naive(narrow, topic):
         assert naive(wide, topic)
+
+
+def test_what_was_decided_is_kept_up_to_a_limit_and_each_refusal_told_once() -> None:
+    told: list[str] = []
+    grants = Grants(parse_rights("user a\ntopic write own/+").of("a", "a"), told.append)
+    for _ in range(3):
+        assert grants.may_publish("own/1")
+        assert not grants.may_publish("other")
+    assert told == ["publish on other"]
+    for number in range(3 * CACHED_TOPICS):
+        assert grants.may_publish(f"own/{number}")
+    assert len(grants._publish) <= CACHED_TOPICS
 
 
 HASH = "$argon2id$v=19$m=8,t=1,p=1$c29tZXNhbHQ$pRPeKUrX1MY"

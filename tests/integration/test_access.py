@@ -148,7 +148,9 @@ def test_a_password_in_the_url_works_and_is_masked_in_the_manifest(
     assert own.password not in recorder.printed
 
 
-def test_a_robot_with_the_keys_of_another_scenario_says_so_at_once(guarded: Guarded, keys: Path, start: Any) -> None:
+def test_a_robot_with_the_keys_of_another_scenario_says_so_at_once(
+    guarded: Guarded, keys: Path, start: Any, tmp_path: Path
+) -> None:
     robot = start.python(
         "agents", "--scenario", TOY, "--set", "federation.robots_per_cluster=5", "--id", "9", "--broker", guarded.url,
         "--keys", str(keys),
@@ -157,6 +159,12 @@ def test_a_robot_with_the_keys_of_another_scenario_says_so_at_once(guarded: Guar
     (line,) = robot.printed.splitlines()
     assert "agent-9/password" in line
     assert "jouleswarm keys init SCENARIO" in line
+    run = start.jouleswarm(
+        "run", TOY, "--set", "federation.robots_per_cluster=5", "--keys", str(keys), "--out", str(tmp_path)
+    )
+    assert run.ends() == 2
+    assert "agent-5/password" in run.printed  # before anything is started or written
+    assert not list(tmp_path.glob("toy-*"))
     stranger = replace(credentials_of(keys, "agent-1"), password="wrong")
     with pytest.raises(ConfigurationError, match="bad user name or password"):
         MqttBus.connect(guarded.url, "agent-1", credentials=stranger)
