@@ -65,7 +65,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
     ended = _ending(settings.exit_with_stdin)
     broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering), guard)
     async with AsyncExitStack() as stack:
-        if guard is not None:
+        if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
         metrics = None
@@ -78,8 +78,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         for job in (watch(broker), SnapshotPublisher(broker).run()):
             stack.callback(asyncio.create_task(job).cancel)
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        scheme = "mqtt" if context is None else "mqtts"
-        url = f"{scheme}://{host}:{listener.getsockname()[1]}"
+        url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         await ended.wait()
 

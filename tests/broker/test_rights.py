@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from broker.access import CACHED_TOPICS, Grants, parse_users
@@ -122,11 +122,13 @@ FILTERS = st.builds(
 ).filter(bool)
 
 
+@settings(deadline=None)
 @given(topic_filter=FILTERS, topic=TOPICS)
 def test_a_filter_matches_as_the_naive_matcher_does(topic_filter: str, topic: str) -> None:
     assert matches(tuple(topic_filter.split("/")), tuple(topic.split("/"))) is naive(topic_filter, topic)
 
 
+@settings(deadline=None)
 @given(wide=FILTERS, narrow=FILTERS, topic=TOPICS)
 def test_nothing_comes_by_a_covered_filter_that_the_right_does_not_match(wide: str, narrow: str, topic: str) -> None:
     if covers(tuple(wide.split("/")), tuple(narrow.split("/"))) and naive(narrow, topic):
