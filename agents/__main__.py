@@ -13,6 +13,7 @@ from common.options import (
     BrokerOption,
     DurableOption,
     KeepStateOption,
+    KeysOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -28,6 +29,7 @@ def main(
     id: Annotated[int, typer.Option(envvar="JOULESWARM_ID", help="Which robot of the scenario this is, from 1.")],
     scenario: ScenarioOption,
     broker: BrokerOption = DEFAULT_BROKER,
+    keys: KeysOption = None,
     task: Annotated[
         int | None, typer.Option(envvar="JOULESWARM_TASK", help="Its task; checked against the scenario.")
     ] = None,
@@ -55,6 +57,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError
+        from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
@@ -75,6 +78,7 @@ def main(
         bus = MqttBus.connect(
             broker,
             f"agent-{id}",
+            credentials=credentials_of(keys, f"agent-{id}"),
             will=(topics.presence(name, assigned, id), gone),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,

@@ -8,12 +8,14 @@ import logging
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from broker.limits import MEGABYTE, Limits
+from broker.protection import protection_of, warning_of
 from broker.server import Addresses, Settings, run
+from common.broker_url import DEFAULT_PORT, DEFAULT_TLS_PORT
 from common.errors import JouleSwarmError
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -23,12 +25,36 @@ def _env(name: str) -> str:
     return f"JOULESWARM_BROKER_{name}"
 
 
+def _file(name: str, what: str) -> Any:
+    return typer.Option(envvar=_env(name), metavar="FILE", help=what)
+
+
 @app.command()
 def main(
     host: Annotated[str, typer.Option(envvar=_env("HOST"), help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(min=0, max=65535, envvar=_env("PORT"), help="MQTT port; 0 picks a free one.")
-    ] = 1883,
+        int | None,
+        typer.Option(
+            min=0, max=65535, envvar=_env("PORT"), help="MQTT port; 0 picks a free one. [default: 1883; with TLS 8883]"
+        ),
+    ] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="JOULESWARM_KEYS", metavar="FOLDER", help="Folder of keys: stands for the five options below."
+        ),
+    ] = None,
+    tls_cert: Annotated[Path | None, _file("TLS_CERT", "Certificate to show (PEM): TLS only from then on.")] = None,
+    tls_key: Annotated[Path | None, _file("TLS_KEY", "Its private key (PEM).")] = None,
+    tls_client_ca: Annotated[
+        Path | None, _file("TLS_CLIENT_CA", "Let in only clients with a certificate signed by this CA (PEM).")
+    ] = None,
+    users: Annotated[
+        Path | None, _file("USERS", "Users: lines NAME:HASH, argon2id. A client's id must be its user's name.")
+    ] = None,
+    rights: Annotated[
+        Path | None, _file("RIGHTS", "What each user may publish and read, as in Mosquitto's acl_file.")
+    ] = None,
     metrics_port: Annotated[
         int, typer.Option(min=0, max=65535, envvar=_env("METRICS_PORT"), help="Prometheus port; 0 = a free one.")
     ] = 9883,
@@ -84,6 +110,9 @@ def main(
     rows. Ctrl-C ends it.
 
     Example: python -m broker --port 1883, then python -m datacenter --broker mqtt://127.0.0.1:1883
+
+    With users, TLS and topic rights: jouleswarm keys init scenarios/quick.toml --out keys --hosts HOST,127.0.0.1,
+    then python -m broker --host 0.0.0.0 --keys keys
     """
     level = logging.getLevelNamesMapping().get(log_level.upper())
     if level is None:
@@ -99,9 +128,19 @@ def main(
         stall_timeout_s=stall_timeout_s,
         session_expiry_s=session_expiry_s,
     )
-    settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits, state)
     try:
-        asyncio.run(run(settings, _announce_json if exit_with_stdin else _announce))
+        tls, guard = protection_of(keys, tls_cert, tls_key, tls_client_ca, users, rights, connect_timeout_s)
+        warning = warning_of(host, with_tls=tls is not None, with_users=guard is not None)
+        if port is None:
+            port = DEFAULT_PORT if tls is None else DEFAULT_TLS_PORT
+        settings = Settings(host, port, metrics_port if metrics else None, meter, exit_with_stdin, limits, tls, state)
+
+        def ready(addresses: Addresses) -> None:
+            if warning:
+                typer.echo(f"broker: {warning}", err=True)
+            (_announce_json if exit_with_stdin else _announce)(addresses)
+
+        asyncio.run(run(settings, ready, guard))
     except JouleSwarmError as error:
         typer.echo(f"broker: {error}", err=True)
         sys.exit(error.exit_code)

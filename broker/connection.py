@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import socket
+import ssl
 
 from amqtt.adapters import WriterAdapter
 
 from broker.inbound import PacketReader
 from broker.limits import Budget, Limits, Turns
 from broker.outbound import PacketWriter
+from broker.tls import TlsPacketReader, shake_hands
 
 SOCKET_BUFFER_BYTES = 512 * 1024
 
@@ -25,9 +27,19 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         self.closed_because: str | None = None
         self._sock = sock
         self._stall_timeout_s = limits.stall_timeout_s
-        self.reader = PacketReader(sock, limits, budget, self.abort)
+        reads = TlsPacketReader if isinstance(sock, ssl.SSLSocket) else PacketReader
+        self.reader = reads(sock, limits, budget, self.abort)
         self.writer = PacketWriter(sock, turns, self.abort)
         self.send = self.writer.send
+
+    async def open(self) -> None:
+        """What comes before MQTT: the handshake, on a TLS socket.
+
+        Raises:
+            TlsFailed: it failed.
+        """
+        if isinstance(self._sock, ssl.SSLSocket):
+            await shake_hands(self._sock)
 
     def overdue(self, now_s: float) -> str | None:
         """Why this connection must be ended for making no progress, if it must."""
@@ -63,8 +75,9 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         """Address and port of the client."""
         return self.peer
 
-    def get_ssl_info(self) -> None:
-        """No TLS here."""
+    def get_ssl_info(self) -> ssl.SSLSocket | None:
+        """The TLS socket, which knows the client's certificate; None without TLS."""
+        return self._sock if isinstance(self._sock, ssl.SSLSocket) else None
 
     async def close(self) -> None:
         """End the connection when all that is queued has been written."""

@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from amqtt.adapters import BufferReader
 from amqtt.broker import Broker
-from amqtt.contexts import Action, BrokerConfig
+from amqtt.contexts import BrokerConfig
 from amqtt.events import BrokerEvents
 from amqtt.mqtt.packet import CONNECT, MQTTFixedHeader
 from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
 
+from broker.access import Guard, Refused
 from broker.connection import Connection
 from broker.errors import MalformedPacket, PeerGone
 from broker.handler import ClientHandler
@@ -36,7 +38,7 @@ _ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
 class SwarmBroker(Broker):  # type: ignore[misc]
     """`amqtt.broker.Broker` fed with connections from outside (see README.md for what is overridden and why)."""
 
-    def __init__(self, limits: Limits, meter: BrokerMeter) -> None:
+    def __init__(self, limits: Limits, meter: BrokerMeter, guard: Guard | None = None) -> None:
         config = BrokerConfig.from_dict(
             {
                 "listeners": {LISTENER: {"type": "external"}},
@@ -47,6 +49,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         super().__init__(config)
         self.limits = limits
         self.meter = meter
+        self._guard = guard
         self.budget = Budget(limits.memory_bytes)
         self.turns = Turns()
         self.handlers: set[ClientHandler] = set()
@@ -60,6 +63,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         """The whole life of one connection, from CONNECT on."""
         try:
             async with asyncio.timeout(self.limits.connect_timeout_s):
+                await connection.open()
                 first, body, cost_bytes = await connection.reader.read_packet(CONNECT_BYTES)
             self.budget.release(cost_bytes)
             check_connect(first, body)
@@ -94,15 +98,10 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     async def _handle_client_session(
         self, reader: BufferReader, writer: Connection, session: Session, handler: ClientHandler, *_: Any
     ) -> None:
-        allowed = await self._authenticate(session, self.listeners_config[LISTENER])
-        if allowed:
-            session = await self._adopt(session)
-        handler.attach(session, reader, writer)
-        if not allowed:
-            self.meter.event("refused_not_authorized")
-            await handler.mqtt_connack_authorize(False)
-            await writer.close()
+        if not await self._is_admitted(session, writer):
             return
+        session = await self._adopt(session)
+        handler.attach(session, reader, writer)
         session.transitions.connect()
         self._sessions[session.client_id] = (session, handler)
         self.handlers.add(handler)
@@ -117,11 +116,25 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         finally:
             await self._leave(session, handler)
 
-    async def _authenticate(self, session: Session, listener: Any) -> bool:
-        allowed: bool = await super()._authenticate(session, listener)
+    async def _is_admitted(self, session: Session, connection: Connection) -> bool:
+        """Whether the client may connect; one that may not is told why not, and goes."""
         # amqtt forgets the persistent sessions of anonymous clients within a second.
-        session.is_anonymous = False
-        return allowed
+        session.is_anonymous, session.grants = False, None
+        if self._guard is None:
+            return True
+        try:
+            session.grants = await self._guard.admit(session, partial(self._not_permitted, session.client_id))
+        except Refused as refused:
+            self.meter.event("refused_not_authorized")
+            logger.warning("connection from %s:%d refused: %s", *connection.peer, refused)
+            connection.send(bytes((0x20, 2, 0, refused.code)))  # CONNACK (section 3.2)
+            await connection.close()
+            return False
+        session.password = session.ssl_object = None  # a persistent session outlives its connection
+        return True
+
+    def _not_permitted(self, client_id: str, what: str) -> None:
+        logger.warning("client %s may not %s: no right for it in the rights file", client_id, what)
 
     async def _adopt(self, session: Session) -> Session:
         """Take over the client id: end its old connection, then take up its persistent session or drop it."""
@@ -141,6 +154,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         for name in ("flag", "topic", "message", "qos", "retain"):
             setattr(old, f"will_{name}", getattr(session, f"will_{name}"))
         old.keep_alive, old.username, old.password = session.keep_alive, session.username, session.password
+        old.grants = session.grants
         old.parent = 1
         return old
 
@@ -183,6 +197,9 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         topic_filter, qos = subscription
         if not topic_filter or "\0" in topic_filter:
             return REFUSED
+        if session.grants is not None and not session.grants.may_subscribe(topic_filter):
+            self.meter.event("refused_not_permitted")
+            return REFUSED
         self.remove_subscription(topic_filter, session)
         granted: int = await super().add_subscription((topic_filter, min(qos, 1)), session)
         self._routes.forget()
@@ -201,7 +218,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
         """Retained messages that a new subscription matches, to this client only."""
         for topic, kept in tuple(self._retained_messages.items()):
-            if self._matches(topic, topic_filter):
+            if self._matches(topic, topic_filter) and self._may_receive(handler.session, topic):
                 publication = Publication(topic, memoryview(kept.data), kept.qos)
                 handler.deliver(publication, min(qos, kept.qos), retain=True)
 
@@ -209,12 +226,12 @@ class SwarmBroker(Broker):  # type: ignore[misc]
 
     async def accept(self, session: Session | None, publication: Publication, *, retain: bool) -> None:
         """A message from a client or from the broker itself: keep it if retained, pass it on."""
-        if session is not None and not await self._topic_filtering(session, publication.topic, Action.PUBLISH):
+        if session is not None and session.grants is not None and not session.grants.may_publish(publication.topic):
             self.meter.event("refused_not_permitted")
             return
         if retain:
             await self.retain_message(session, publication.topic, publication.payload, publication.qos)
-        for receiver, granted in await self._routes.receivers(publication.topic):
+        for receiver, granted in self._routes.receivers(publication.topic):
             qos = min(publication.qos, granted)
             _, handler = self._sessions.get(receiver.client_id, (None, None))
             if handler in self.handlers:
@@ -224,8 +241,8 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if publication.topic == topics.BROKER_METER_ASK and self.on_ask is not None:
             await self.on_ask(bytes(publication.payload).decode(errors="replace"))
 
-    async def _may_receive(self, session: Session, topic: str) -> bool:
-        return bool(await self._topic_filtering(session, topic, Action.RECEIVE))
+    def _may_receive(self, session: Session, topic: str) -> bool:
+        return session.grants is None or bool(session.grants.may_receive(topic))
 
     def _keep(self, session: Session, publication: Publication) -> None:
         """Hold a QoS 1 message for a persistent session that is away, up to a limit."""

@@ -17,3 +17,9 @@ class MessageTooLarge(MalformedPacket):
     """A packet over the size limit, known from its fixed header, before anything is allocated."""
 
     event = "refused_too_large"
+
+
+class TlsFailed(MalformedPacket):
+    """A connection that never came as far as MQTT."""
+
+    event = "refused_tls"

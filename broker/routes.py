@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from amqtt.session import Session
 
@@ -18,7 +18,7 @@ class Routes:
         self,
         subscriptions: Mapping[str, Sequence[tuple[Session, int]]],
         matches: Callable[[str, str], bool],
-        may_receive: Callable[[Session, str], Awaitable[bool]],
+        may_receive: Callable[[Session, str], bool],
     ) -> None:
         self._subscriptions = subscriptions
         self._matches = matches
@@ -29,9 +29,9 @@ class Routes:
         """A subscription or a session has changed."""
         self._known = {}
 
-    async def receivers(self, topic: str) -> Receivers:
+    def receivers(self, topic: str) -> Receivers:
         """Sessions with a matching subscription, each once, with the highest QoS granted."""
-        known = self._known  # replaced as soon as a subscription changes while we wait below
+        known = self._known
         if (receivers := known.get(topic)) is not None:
             return receivers
         found: dict[str, tuple[Session, int]] = {}
@@ -40,7 +40,7 @@ class Routes:
                 for session, qos in subscriptions:
                     best = max(qos, found.get(session.client_id, (session, 0))[1])
                     found[session.client_id] = (session, best)
-        receivers = [each for each in found.values() if await self._may_receive(each[0], topic)]
+        receivers = [each for each in found.values() if self._may_receive(each[0], topic)]
         if len(known) >= CACHED_TOPICS:
             known.clear()
         known[topic] = receivers

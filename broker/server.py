@@ -9,18 +9,21 @@ import logging
 import os
 import signal
 import socket
+import ssl
 import threading
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from broker.access import Guard
 from broker.connection import Connection
 from broker.core import SwarmBroker
 from broker.exporter import start_exporter
 from broker.limits import Limits
 from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
+from broker.tls import TlsFiles
 from common.errors import ConfigurationError
 from common.memory import keep_freed_memory
 
@@ -41,6 +44,7 @@ class Settings:
     metering: bool = True
     exit_with_stdin: bool = False
     limits: Limits = field(default_factory=Limits)
+    tls: TlsFiles | None = None
     state: Path | None = None
     """Folder of counters that the next broker with this folder goes on from."""
 
@@ -53,32 +57,32 @@ class Addresses:
     metrics: str | None
 
 
-async def run(settings: Settings, ready: Callable[[Addresses], None]) -> None:
-    """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin.
+async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Guard | None = None) -> None:
+    """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin. Without a guard everybody is let in.
 
     Raises:
-        ConfigurationError: an address is in use or cannot be listened on.
+        ConfigurationError: an address is in use or cannot be listened on, or a file cannot be used for TLS.
     """
+    context = settings.tls.context() if settings.tls is not None else None
     keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
-    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state))
+    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
     async with AsyncExitStack() as stack:
+        if guard:
+            stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
         metrics = None
         if settings.metrics_port is not None:
             metrics = _export(broker, settings.host, settings.metrics_port)
         await broker.start()
         stack.push_async_callback(broker.shutdown)
-        acceptor = Acceptor(listener, broker)
+        acceptor = Acceptor(listener, broker, context)
         stack.push_async_callback(acceptor.close)
         for job in (watch(broker), SnapshotPublisher(broker).run()):
             stack.callback(asyncio.create_task(job).cancel)
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        ready(
-            Addresses(
-                f"mqtt://{host}:{listener.getsockname()[1]}", f"http://{host}:{metrics}/metrics" if metrics else None
-            )
-        )
+        url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
+        ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         await ended.wait()
 
 
@@ -127,8 +131,8 @@ def _ending(exit_with_stdin: bool) -> asyncio.Event:
 class Acceptor:
     """Takes connections from the listening socket and gives each a task."""
 
-    def __init__(self, listener: socket.socket, broker: SwarmBroker) -> None:
-        self._listener, self._broker = listener, broker
+    def __init__(self, listener: socket.socket, broker: SwarmBroker, tls: ssl.SSLContext | None = None) -> None:
+        self._listener, self._broker, self._tls = listener, broker, tls
         self._loop = asyncio.get_running_loop()
         self._tasks: set[asyncio.Task[None]] = set()
         self._resume()
@@ -154,6 +158,8 @@ class Acceptor:
             sock.close()
             return
         try:
+            if self._tls is not None:
+                sock = self._tls.wrap_socket(sock, server_side=True, do_handshake_on_connect=False)
             connection = Connection(sock, broker.limits, broker.budget, broker.turns)
         except OSError:  # gone already
             sock.close()

@@ -13,8 +13,11 @@ from paho.mqtt.client import MQTT_ERR_NO_CONN
 from common.broker_url import BrokerAddress, parse_url
 from common.bus import Message, Payload
 from common.errors import BrokerUnreachableError, ConfigurationError
+from common.keys import Credentials
 from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
+from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
+from common.tls import TlsSocket
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
 
@@ -35,7 +38,14 @@ class MqttBus:
     written whole (again when it is sent again), under the plain client name.
     """
 
-    def __init__(self, address: BrokerAddress, client: str, give_up_s: float, meter: Meter | None = None) -> None:
+    def __init__(
+        self,
+        address: BrokerAddress,
+        client: str,
+        give_up_s: float,
+        credentials: Credentials | None = None,
+        meter: Meter | None = None,
+    ) -> None:
         self.client = client
         self.meter = meter or Meter("client")
         self.connections = 0
@@ -51,9 +61,9 @@ class MqttBus:
         self._unsent_messages = self._unsent_bytes = 0
         self._connected = False
         self._lost_at_s = time.monotonic()
-        self._why_lost = "no answer"
+        self._why_lost, self._why_refused = "no answer", ""
         self._failure: BaseException | None = None
-        self._paho = self._new_paho(address)
+        self._paho = self._new_paho(address, credentials)
 
     @classmethod
     def connect(
@@ -61,6 +71,7 @@ class MqttBus:
         url: str,
         client: str,
         *,
+        credentials: Credentials | None = None,
         will: tuple[str, bytes] | None = None,
         keepalive_s: int = 60,
         connect_timeout_s: float = 30.0,
@@ -69,16 +80,17 @@ class MqttBus:
         """Connect, and keep connected until `close`. `will` is (topic, payload), retained, QoS 1.
 
         Args:
-            url: mqtt://[user:password@]host[:1883].
+            url: mqtt://[user:password@]host[:1883], or mqtts://...[:8883] for TLS.
             client: plain name, such as `agent-3`; the id on the wire has a random suffix.
+            credentials: user, password and certificates (`common.keys`); a user in the URL comes before them.
             connect_timeout_s: how long a broker may be away, now or later, before that is an error.
             meter: one to go on counting with; default a new one.
 
         Raises:
-            ConfigurationError: the URL is malformed.
-            BrokerUnreachableError: no broker answered in time, or it refused the client.
+            ConfigurationError: the URL is malformed, a certificate is not right, or the broker refused the client.
+            BrokerUnreachableError: no broker answered in time.
         """
-        bus = cls(parse_url(url), client, connect_timeout_s, meter)
+        bus = cls(parse_url(url), client, connect_timeout_s, credentials, meter)
         if will is not None:
             bus._paho.will_set(will[0], will[1], qos=1, retain=True)
         bus._paho.connect_async(bus._address.host, bus._address.port, keepalive_s)
@@ -200,10 +212,20 @@ class MqttBus:
 
     # In paho's thread
 
-    def _new_paho(self, address: BrokerAddress) -> FastClient:
+    def _new_paho(self, address: BrokerAddress, credentials: Credentials | None) -> FastClient:
         client = FastClient(wire_id(self.client))
         client.connect_timeout = CONNECT_ATTEMPT_S
-        client.username_pw_set(address.user, address.password)
+        if credentials is not None and not address.tls:
+            raise ConfigurationError(
+                f"broker {address} with keys: the password would go unencrypted; expected mqtts://HOST:PORT"
+            )
+        if address.tls:
+            context = (credentials or Credentials()).context()
+            context.sslsocket_class = TlsSocket
+            client.tls_set_context(context)
+        shown = address if address.user or credentials is None else credentials
+        self._user = shown.user
+        client.username_pw_set(shown.user, shown.password)
         client.reconnect_delay_set(RECONNECT_MIN_S, RECONNECT_MAX_S)  # type: ignore[arg-type]  # floats work
         client.on_connect = self._on_connect
         client.on_unreachable = self._on_unreachable
@@ -218,8 +240,10 @@ class MqttBus:
 
     def _on_connect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
-            if reason.is_failure:
-                self._failure = BrokerUnreachableError(f"broker {self._address} refused the connection: {reason}")
+            if reason.value == SERVER_UNAVAILABLE:  # it is starting or overloaded: paho tries again
+                self._why_refused = "refused: server unavailable"
+            elif reason.is_failure:
+                self._failure = connack_refusal(reason.value, str(reason), self._address, self._user)
             else:
                 self._connected = True
                 self.connections += 1
@@ -232,13 +256,17 @@ class MqttBus:
                     self._send(topic, payload, 1, retain=True)
 
     def _on_unreachable(self, error: OSError) -> None:
-        self._why_lost = error.strerror or str(error)
+        if (mistake := refusal(error, self._address)) is not None:
+            raise mistake  # ends the network thread: waiting would not mend it
+        self._why_lost = why(error)
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
-            self._why_lost = f"connection lost: {reason}"
+                self._why_lost = f"connection lost: {reason}"
+            else:
+                self._why_lost, self._why_refused = self._why_refused or closed_early(self._address), ""
             self._granted.clear()
             self._asked.clear()
             self._changed.notify_all()

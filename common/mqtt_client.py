@@ -11,6 +11,7 @@ import logging
 import re
 import secrets
 import socket
+import ssl
 import time
 from collections import deque
 from collections.abc import Callable
@@ -23,6 +24,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from common.meter import packet_bytes
+from common.refusals import TLS_ALERT, TlsAnswerError
 
 logger = logging.getLogger("bus")
 
@@ -51,7 +53,7 @@ class FastClient(paho.Client):
         on_sent(topic, payload_bytes, packet_bytes): a PUBLISH was written whole.
         on_received(topic, payload, retained, packet_bytes): a PUBLISH came in whole.
         on_settled(payload_bytes): a message needs no more sending (acknowledged; at QoS 0 written, or lost).
-        on_unreachable(error): a connection could not be made; it is tried again.
+        on_unreachable(error): a connection could not be made, or TLS failed; it is tried again unless this raises.
         on_failure(error): the network thread ends by this error.
     """
 
@@ -98,6 +100,8 @@ class FastClient(paho.Client):
             except BlockingIOError:
                 return MQTTErrorCode.MQTT_ERR_AGAIN
             except OSError:
+                if isinstance(self._sock, ssl.SSLSocket):  # what came before the end may say why
+                    self._packet_read()
                 return MQTTErrorCode.MQTT_ERR_CONN_LOST
             self._alive()
             packet["pos"] += sent
@@ -149,7 +153,9 @@ class FastClient(paho.Client):
                 return MQTTErrorCode.MQTT_ERR_CONN_LOST
         except BlockingIOError:
             return MQTTErrorCode.MQTT_ERR_AGAIN
-        except OSError:
+        except OSError as error:
+            if isinstance(error, ssl.SSLError | TlsAnswerError):
+                self.on_unreachable(error)
             return MQTTErrorCode.MQTT_ERR_CONN_LOST
         except MalformedPacket:
             return MQTTErrorCode.MQTT_ERR_PROTOCOL
@@ -171,6 +177,8 @@ class FastClient(paho.Client):
             if not byte:
                 return False
             header += byte
+        if header[:2] == TLS_ALERT:
+            raise TlsAnswerError("got a TLS alert, expected MQTT")
         length = sum((digit & 127) << 7 * place for place, digit in enumerate(header[1:]))
         self._body, self._got = memoryview(bytearray(length)), 0
         self._alive()

@@ -10,7 +10,18 @@ import typer
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
 
 ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")]
-BrokerOption = Annotated[str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is: mqtt://HOST:PORT.")]
+BrokerOption = Annotated[
+    str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is: mqtt://HOST:PORT, or mqtts:// (TLS).")
+]
+KeysOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--keys",
+        envvar="JOULESWARM_KEYS",
+        metavar="FOLDER",
+        help="Folder of keys (`jouleswarm keys init`): user, password and certificates are taken from it.",
+    ),
+]
 RunOption = Annotated[
     str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run on the bus. Default: the scenario's.")
 ]

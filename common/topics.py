@@ -59,32 +59,32 @@ def run_name(name: str) -> str:
     return name
 
 
-def experience(run: str, arm: str, task: int, agent: int) -> str:
+def experience(run: str, arm: str, task: Level, agent: Level) -> str:
     """Raw observations of one training robot, one message a motion."""
     return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/experience"
 
 
-def meta_model(run: str, arm: str, agent: int | None = None) -> str:
+def meta_model(run: str, arm: str, agent: Level | None = None) -> str:
     """The meta-model, from the data center to every robot, or to one that missed it."""
     return f"{ROOT}/{run}/{arm}/dl/meta" if agent is None else f"{ROOT}/{run}/{arm}/dl/{agent}/meta"
 
 
-def weights(run: str, arm: str, task: int, agent: int) -> str:
+def weights(run: str, arm: str, task: Level, agent: Level) -> str:
     """A robot's weights of one round, to its neighbours."""
     return f"{ROOT}/{run}/{arm}/sl/{task}/{agent}/weights"
 
 
-def weights_up(run: str, arm: str, task: int, agent: int) -> str:
+def weights_up(run: str, arm: str, task: Level, agent: Level) -> str:
     """A robot's weights of one round, to the parameter server (fedavg)."""
     return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/weights"
 
 
-def cluster_model(run: str, arm: str, task: int) -> str:
+def cluster_model(run: str, arm: str, task: Level) -> str:
     """One round's model from the data center to all robots of a cluster (fedavg, centralized)."""
     return f"{ROOT}/{run}/{arm}/dl/{task}/model"
 
 
-def episode(run: str, arm: str, task: int, agent: int) -> str:
+def episode(run: str, arm: str, task: Level, agent: Level) -> str:
     """The reward of a robot's episode with the data center's model of a round (centralized)."""
     return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/episode"
 
@@ -99,12 +99,12 @@ def presence(run: str, task: Level, agent: Level) -> str:
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/presence"
 
 
-def resend(run: str, arm: str, task: int, agent: int) -> str:
+def resend(run: str, arm: str, task: Level, agent: Level) -> str:
     """Asks robot `agent` to publish its weights of a round again."""
     return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/resend"
 
 
-def collect_again(run: str, arm: str, task: int, agent: int) -> str:
+def collect_again(run: str, arm: str, task: Level, agent: Level) -> str:
     """Asks training robot `agent` for the experience of a round again."""
     return f"{ROOT}/{run}/{arm}/ctl/{task}/{agent}/collect"
 

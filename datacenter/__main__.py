@@ -13,6 +13,7 @@ from common.options import (
     BrokerOption,
     DurableOption,
     KeepStateOption,
+    KeysOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -27,6 +28,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions
 def main(
     scenario: ScenarioOption,
     broker: BrokerOption = DEFAULT_BROKER,
+    keys: KeysOption = None,
     run: RunOption = None,
     state: Annotated[
         Path | None,
@@ -48,6 +50,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError
+        from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
@@ -64,6 +67,7 @@ def main(
         bus = MqttBus.connect(
             broker,
             "datacenter",
+            credentials=credentials_of(keys, "datacenter"),
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,

@@ -23,7 +23,7 @@ from fleet.launcher import Launcher
 from fleet.proxy import Proxy
 from fleet.recorder import Recorder
 from fleet.report_data import load_run
-from fleet.run import run_deployment
+from fleet.run import Options, run_deployment
 
 PHASES = ("starting", "meta-learning", "federated")
 """`starting` lasts to the first row, `federated` from the first robot's row of an arm to the next stage."""
@@ -148,13 +148,13 @@ def run_chaos(
 ) -> list[Fault]:
     """Inject `faults` faults into as many runs as it takes; what was done, and whether it changed anything."""
     rng = random.Random(seed)
-    run_deployment(scenario, options, "undisturbed", out, None, console, 0)
+    run_deployment(scenario, options, "undisturbed", out, console, Options(restarts=0))
     expected = outcome(out / "undisturbed")
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
     done: list[Fault] = []
     for number in itertools.count(1):
         chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng)
-        run_deployment(scenario, options, chaos.run, out, None, console, _RESTARTS, chaos)
+        run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)
         for fault in chaos.done:

@@ -1,4 +1,4 @@
-"""The command line: `jouleswarm run`, `record`, `report`, `audit`."""
+"""The command line: `jouleswarm run`, `record`, `report`, `audit`; `keys` is in keys_cli.py."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import typer
 from rich.console import Console
 
 from common.errors import JouleSwarmError
-from common.options import BrokerOption, SetOption
+from common.options import BrokerOption, KeysOption, SetOption
+from fleet.keys_cli import keys as keys_app
 
 app = typer.Typer(
     add_completion=False,
@@ -21,6 +22,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
 )
+app.add_typer(keys_app, name="keys")
 
 ScenarioFile = Annotated[
     Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml.")
@@ -47,6 +49,7 @@ def run(
     broker: Annotated[
         str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
     ] = None,
+    keys: KeysOption = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
     resume: Annotated[
         Path | None,
@@ -66,24 +69,23 @@ def run(
     """
     from common.scenario import load_scenario
     from fleet.report import report as print_bill
-    from fleet.run import new_run_id, resume_deployment, run_deployment
+    from fleet.run import Options, new_run_id, resume_deployment, run_deployment
 
+    started = Options(broker, keys, restarts, durable)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:
         assert resume is not None
         if set_ or seed is not None or run_id is not None:
             raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
-        path = resume_deployment(resume, broker, Console(), restarts, durable=durable)
+        path = resume_deployment(resume, Console(), started)
         print_bill(path, html=figures, figures=figures)
         print(f"run directory: {path}")
         return
     overrides = _overrides(set_, seed)
     settings = load_scenario(scenario, overrides)
     options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
-    path = run_deployment(
-        settings, options, run_id or new_run_id(settings), out, broker, Console(), restarts, durable=durable
-    )
+    path = run_deployment(settings, options, run_id or new_run_id(settings), out, Console(), started)
     print_bill(path, html=figures, figures=figures)
     print(f"run directory: {path}")
 
@@ -96,6 +98,7 @@ def record(
     set_: SetOption = None,
     out: Out = Path("runs"),
     run_id: RunId = None,
+    keys: KeysOption = None,
     ready_file: Annotated[
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
@@ -111,7 +114,7 @@ def record(
     from fleet.run import record_deployment
 
     settings = load_scenario(scenario, _overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys)
     print_bill(path, html=figures, figures=figures)
     print(f"run directory: {path}")
 

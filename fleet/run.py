@@ -12,6 +12,7 @@ import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -20,6 +21,7 @@ from rich.console import Console
 
 from common import topics
 from common.errors import ConfigurationError, JouleSwarmError
+from common.keys import Credentials, credentials_of
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
@@ -31,11 +33,9 @@ from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
 from fleet.view import View
 
-RESTARTS = 20
-"""How often a process that was killed is started again."""
-
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
+RESTARTS = 20
 
 
 class Intruder(Protocol):
@@ -54,33 +54,41 @@ def new_run_id(scenario: Scenario) -> str:
     return f"{scenario.name}-{now}-{secrets.token_hex(2)}"
 
 
+@dataclass(frozen=True)
+class Options:
+    """How the processes of a deployment are started."""
+
+    broker: str | None = None
+    """URL of the broker to use; None starts an embedded one."""
+    keys: Path | None = None
+    """Folder that all take their user, password and certificates from."""
+    restarts: int = RESTARTS
+    """How often a process that was killed is started again."""
+    durable: bool = False
+    """Whether each round is on the disk, for a power failure, before it goes on."""
+    intruder: Intruder | None = None
+    """Who may interfere."""
+
+
 def run_deployment(
     scenario: Scenario,
     scenario_options: list[str],
     run: str,
     out: Path,
-    broker: str | None,
     console: Console,
-    restarts: int = RESTARTS,
-    intruder: Intruder | None = None,
-    *,
-    durable: bool = False,
+    options: Options = Options(),  # it is frozen
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
-    `scenario_options` are the command-line options that make every process load this same scenario. With
-    `broker` the processes use that one; else an embedded broker is started. `intruder` may interfere.
+    `scenario_options` are the command-line options that make every process load this same scenario.
     """
-    if broker is not None:
-        parse_url(broker)  # before anything is written
+    _check(scenario, options)  # before anything is written
     directory = RunDirectory(out / topics.run_name(run))
-    _deploy(scenario, scenario_options, run, directory, broker, console, restarts, intruder, durable=durable)
+    _deploy(scenario, scenario_options, run, directory, console, options)
     return directory.path
 
 
-def resume_deployment(
-    path: Path, broker: str | None, console: Console, restarts: int = RESTARTS, *, durable: bool = False
-) -> Path:
+def resume_deployment(path: Path, console: Console, options: Options = Options()) -> Path:
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
@@ -89,13 +97,19 @@ def resume_deployment(
     held = path / MANIFEST
     scenario = load_scenario(held)
     if not (path / STATE).is_dir():
-        raise ConfigurationError(
-            f"run {path}: has no {STATE}/, so it is complete, or was recorded only; see its report"
-        )
+        raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
+    _check(scenario, options)
     name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
     directory = RunDirectory(path, resume=True)
-    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, broker, console, restarts, durable=durable)
+    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
     return path
+
+
+def _check(scenario: Scenario, options: Options) -> None:
+    if options.broker is not None:
+        parse_url(options.broker)
+    for agent in scenario.agents:
+        credentials_of(options.keys, f"agent-{agent}")
 
 
 def _deploy(
@@ -103,34 +117,28 @@ def _deploy(
     scenario_options: list[str],
     run: str,
     directory: RunDirectory,
-    broker: str | None,
     console: Console,
-    restarts: int,
-    intruder: Intruder | None = None,
-    *,
-    durable: bool,
+    options: Options,
 ) -> None:
-    state = directory.path / STATE
+    state, intruder = directory.path / STATE, options.intruder
+    keys = [] if options.keys is None else ["--keys", str(options.keys.resolve())]
+    goes_on = scenario.federation.on_missing == "proceed"
     with ExitStack() as stack:
-        told = partial(console.print, highlight=False)
-        goes_on = scenario.federation.on_missing == "proceed"
         launcher = stack.enter_context(
-            Launcher(directory.path / "logs", restarts, told, lambda name: goes_on and name.startswith("agent-"))
+            Launcher(
+                directory.path / "logs",
+                options.restarts,
+                partial(console.print, highlight=False),
+                may_miss=lambda name: goes_on and name.startswith("agent-"),
+            )
         )
-        url = broker or _embedded_broker(launcher, state / "broker", console)
-        recorder = stack.enter_context(
-            _recording(scenario, url, run, directory, console, embedded=broker is None, state=state / CLIENT)
-        )
+        url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
+        embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
+        recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
+        recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
-        common = [
-            "--broker",
-            line,
-            "--run",
-            run,
-            *scenario_options,
-            "--keep-state",
-            *(["--durable"] if durable else []),
-        ]
+        common = ["--broker", line, *keys, "--run", run, *scenario_options, "--keep-state"]
+        common += ["--durable"] if options.durable else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
@@ -141,15 +149,22 @@ def _deploy(
 
 
 def record_deployment(
-    scenario: Scenario, run: str, out: Path, broker: str, console: Console, ready_file: Path | None = None
+    scenario: Scenario,
+    run: str,
+    out: Path,
+    broker: str,
+    console: Console,
+    ready_file: Path | None = None,
+    keys: Path | None = None,
 ) -> Path:
     """Record a run whose processes others start; returns the run directory.
 
     `ready_file` is written once the recorder listens: from then on the processes may be started.
     """
     parse_url(broker)  # before anything is written
+    credentials = credentials_of(keys, CLIENT)
     directory = RunDirectory(out / topics.run_name(run))
-    with _recording(scenario, broker, run, directory, console, embedded=False) as recorder:
+    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
         if ready_file is not None:
             ready_file.touch()
         _watch(scenario, recorder, console, None)
@@ -169,12 +184,12 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
         },
         "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "broker": {"embedded": embedded, "url": url},
+        "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
     }
 
 
-def _embedded_broker(launcher: Launcher, state: Path, console: Console) -> str:
-    ready = launcher.start_broker(["--state", str(state)])
+def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:
+    ready = launcher.start_broker(options)
     console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
     return ready["url"]
 
@@ -186,9 +201,10 @@ def _recording(
     run: str,
     directory: RunDirectory,
     console: Console,
+    credentials: Credentials | None,
+    state: Path | None = None,
     *,
     embedded: bool,
-    state: Path | None = None,
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
     described = manifest(scenario, run, url, embedded=embedded)
@@ -199,6 +215,7 @@ def _recording(
     bus = MqttBus.connect(
         url,
         CLIENT,
+        credentials=credentials,
         will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
         keepalive_s=scenario.bus.keepalive_s,
         connect_timeout_s=scenario.bus.connect_timeout_s,

@@ -5,10 +5,25 @@ Small tensors are slowed down tenfold by a pool of threads that wait for each ot
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
+
+from common.scenario import load_scenario
+from fleet.keys import make_keys
+
+TOY = Path(__file__).parents[1] / "scenarios" / "toy.toml"
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> None:
     torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of keys for the toy scenario: task 1 with robots 1 and 2, task 2 with robots 3 and 4."""
+    folder = tmp_path_factory.mktemp("access") / "keys"
+    make_keys(load_scenario(TOY), folder, ["localhost", "127.0.0.1"], days=2)
+    return folder

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -22,7 +23,8 @@ from common.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = [f"agent-{number}" for number in range(1, 13)]
-ROLES = ["broker", "recorder", "datacenter", *ROBOTS]
+CLIENTS = ["recorder", "datacenter", *ROBOTS]
+ROLES = ["keys", "broker", *CLIENTS]
 
 
 def read(name: str) -> dict[str, Any]:
@@ -41,7 +43,7 @@ def services(compose: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def test_the_deployment_is_broker_recorder_data_center_and_twelve_robots(services: dict[str, Any]) -> None:
+def test_the_deployment_is_keys_broker_recorder_data_center_and_twelve_robots(services: dict[str, Any]) -> None:
     assert sorted(services) == sorted(ROLES)
 
 
@@ -64,12 +66,57 @@ def test_a_container_has_no_privileges(services: dict[str, Any], role: str) -> N
     assert int(service["user"].split(":")[0]) > 0
 
 
-@pytest.mark.parametrize("role", ["recorder", "datacenter", *ROBOTS])
+@pytest.mark.parametrize("role", CLIENTS)
 def test_all_processes_are_given_the_same_broker_and_scenario(services: dict[str, Any], role: str) -> None:
     environment = services[role]["environment"]
-    assert environment["JOULESWARM_BROKER"] == "mqtt://broker:1883"
+    assert environment["JOULESWARM_BROKER"] == "mqtts://broker:8883"
     assert environment["JOULESWARM_SCENARIO"] == "${JOULESWARM_SCENARIO:-scenarios/quick.toml}"
     assert environment["JOULESWARM_SET"] == "${JOULESWARM_SET:-}"
+    assert {key: environment[key] for key in services["keys"]["environment"]} == services["keys"]["environment"]
+
+
+def mounted_keys(service: dict[str, Any]) -> dict[str, str]:
+    """Where a container sees which folder of the volume of keys."""
+    mounts = [mount for mount in service["volumes"] if isinstance(mount, dict)]
+    for mount in mounts:
+        assert (mount["type"], mount["source"], mount["read_only"]) == ("volume", "keys", True)
+        assert mount["volume"]["nocopy"] is True
+    return {mount["target"]: mount["volume"]["subpath"] for mount in mounts}
+
+
+@pytest.mark.parametrize("role", CLIENTS)
+def test_a_container_sees_the_keys_of_its_own_client_only(services: dict[str, Any], role: str) -> None:
+    assert mounted_keys(services[role]) == {f"/keys/{role}": f"swarm/{role}"}
+    assert services[role]["environment"]["JOULESWARM_KEYS"] == "/keys"
+    assert not any(str(mount).startswith("keys:") for mount in services[role]["volumes"])
+
+
+def test_the_broker_has_its_keys_and_those_of_its_health_check(services: dict[str, Any]) -> None:
+    broker = services["broker"]
+    assert mounted_keys(broker) == {"/keys/broker": "swarm/broker", "/keys/health": "swarm/health"}
+    assert broker["environment"] == {"JOULESWARM_BROKER_HOST": "0.0.0.0", "JOULESWARM_KEYS": "/keys"}
+    assert broker["depends_on"] == {"keys": {"condition": "service_healthy"}}
+
+
+def test_keys_are_made_where_the_others_look_for_them(services: dict[str, Any], tmp_path: Path) -> None:
+    keys = services["keys"]
+    assert keys["volumes"] == ["./scenarios:/app/scenarios:ro", "keys:/keys"]
+    _, _, line = keys["command"]
+    # The line itself, with other folders, and without the sleep.
+    line = line.replace("/keys/", f"{tmp_path}/").replace("/tmp/made", f"{tmp_path}/made")
+    line = line.replace("jouleswarm ", f"{sys.executable} -m fleet ").replace("exec sleep infinity", "echo stays")
+    settings = {"JOULESWARM_SCENARIO": "scenarios/quick.toml", "JOULESWARM_SET": ""}
+    for said in ("certificates for 365 days", "is there already and serves"):
+        done = subprocess.run(
+            ["sh", "-c", line], cwd=ROOT, env=os.environ | settings, capture_output=True, text=True, timeout=60
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert said in done.stdout
+        assert done.stdout.endswith("stays\n")
+        assert keys["healthcheck"]["test"] == ["CMD", "test", "-f", "/tmp/made"]
+        assert (tmp_path / "made").exists()
+    folders = {path.name for path in (tmp_path / "swarm").iterdir() if path.is_dir()}
+    assert folders == {"broker", "health", *CLIENTS}
 
 
 @pytest.mark.parametrize("role", ["datacenter", *ROBOTS])
@@ -116,7 +163,7 @@ def test_the_toy_deployment_starts_the_toy_scenarios_robots_only() -> None:
     services = read("deploy/toy.compose.yml")["services"]
     started = [role for role, service in services.items() if "profiles" not in service]
     robots = load_scenario(ROOT / "scenarios/toy.toml").agents
-    assert sorted(started) == sorted(["recorder", "datacenter", *(f"agent-{robot}" for robot in robots)])
+    assert sorted(started) == sorted(["keys", "recorder", "datacenter", *(f"agent-{robot}" for robot in robots)])
     assert sorted(services) == sorted(role for role in ROLES if role != "broker")
     for role in started:
         assert services[role]["environment"] == {"JOULESWARM_SCENARIO": "scenarios/toy.toml"}
@@ -159,23 +206,40 @@ def answering() -> Iterator[Any]:
         listener.close()
 
 
-def health(port: int) -> tuple[int, str]:
-    code = f"from broker_health import check; import sys; sys.exit(check('127.0.0.1', {port}))"
+def health(port: int, keys: Path | None = None) -> tuple[int, str]:
+    folder = None if keys is None else str(keys)
+    code = f"from broker_health import check; import sys; sys.exit(check('127.0.0.1', {port}, {folder!r}))"
     done = subprocess.run(
         [sys.executable, "-S", "-c", code], cwd=ROOT / "deploy", capture_output=True, text=True, timeout=30
     )
     return done.returncode, done.stderr.strip()
 
 
-@pytest.fixture
-def broker_port() -> Iterator[int]:
+@contextlib.contextmanager
+def broker_process(*options: str) -> Iterator[int]:
     """Port of a real broker process."""
-    command = [sys.executable, "-m", "broker", "--port", "0", "--no-metrics", "--exit-with-stdin"]
+    command = [sys.executable, "-m", "broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *options]
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as broker:
         assert broker.stdin is not None
         assert broker.stdout is not None
         yield int(json.loads(broker.stdout.readline())["url"].rsplit(":", 1)[1])
         broker.stdin.close()
+
+
+@pytest.fixture
+def broker_port() -> Iterator[int]:
+    """Port of a broker without keys."""
+    with broker_process() as port:
+        yield port
+
+
+def test_a_broker_with_keys_is_healthy_for_the_client_of_the_health_check(keys: Path, tmp_path: Path) -> None:
+    with broker_process("--keys", str(keys)) as port:
+        assert health(port, keys) == (0, "")
+        shutil.copytree(keys / "health", tmp_path / "health")
+        (tmp_path / "health" / "password").write_text("wrong\n")
+        assert health(port, tmp_path) == (1, "CONNECT was answered by 20 02 00 04, expected 20 02 00 00")
+        assert health(port)[0] == 1  # without TLS
 
 
 def test_a_broker_that_accepts_a_client_is_healthy(broker_port: int) -> None:

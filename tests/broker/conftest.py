@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import select
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -57,23 +58,28 @@ def text(value: str) -> bytes:
 class RawClient:
     """MQTT 3.1.1 by hand, for what a well-behaved client library would not do."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, tls: ssl.SSLContext | None = None) -> None:
         self.sock = socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
+        if tls is not None:
+            self.sock = tls.wrap_socket(self.sock, server_hostname="127.0.0.1")
 
     def send(self, first: int, body: bytes = b"") -> None:
         self.sock.sendall(bytes([first]) + varint(len(body)) + body)
 
     def connect(
-        self, client_id: str, *, clean: bool = True, keepalive_s: int = 0, will: tuple[str, bytes] | None = None
-    ) -> int:
-        """Returns session-present."""
-        flags = (2 if clean else 0) | (4 if will else 0)
+        self, client_id: str, *, clean: bool = True, keepalive_s: int = 0, will: tuple[str, bytes] | None = None,
+        login: tuple[str, str] | None = None, code: int = 0,
+    ) -> int:  # fmt: skip
+        """Returns session-present; `code` is the CONNACK's that is expected."""
+        flags = (2 if clean else 0) | (4 if will else 0) | (0xC0 if login else 0)
         body = text("MQTT") + bytes([4, flags]) + keepalive_s.to_bytes(2, "big") + text(client_id)
         if will is not None:
             body += text(will[0]) + len(will[1]).to_bytes(2, "big") + will[1]
+        for each in login or ():
+            body += text(each)
         self.send(0x10, body)
         first, answer = self.read()
-        assert (first, answer[1]) == (0x20, 0)
+        assert (first, answer[1]) == (0x20, code)
         return answer[0]
 
     def subscribe(self, topic_filter: str, qos: int = 1) -> int:
@@ -166,11 +172,17 @@ def broker(start_broker: Callable[..., BrokerProcess]) -> BrokerProcess:
 
 
 @pytest.fixture
-def raw() -> Iterator[Callable[[BrokerProcess], RawClient]]:
+def guarded(start_broker: Callable[..., BrokerProcess], keys: Path) -> BrokerProcess:
+    """A broker with the toy scenario's folder of keys."""
+    return start_broker("--keys", str(keys))
+
+
+@pytest.fixture
+def raw() -> Iterator[Callable[..., RawClient]]:
     clients: list[RawClient] = []
 
-    def connect(broker: BrokerProcess) -> RawClient:
-        clients.append(RawClient(broker.port))
+    def connect(broker: BrokerProcess, tls: ssl.SSLContext | None = None) -> RawClient:
+        clients.append(RawClient(broker.port, tls))
         return clients[-1]
 
     yield connect

@@ -89,3 +89,51 @@ def test_every_option_has_an_environment_variable():
     shown = run("--help", COLUMNS="200").stdout
     for name in ("HOST", "PORT", "METRICS_PORT", "MAX_MESSAGE_MB", "MEMORY_MB", "MAX_CONNECTIONS", "LOG_LEVEL"):
         assert f"JOULESWARM_BROKER_{name}" in shown
+
+
+def printed_by(*options: str) -> str:
+    """What a broker that listens has printed to stderr."""
+    command = [*COMMAND, "--port", "0", "--no-metrics", "--exit-with-stdin", *options]
+    process = subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline().startswith("{")
+    return process.communicate(timeout=20)[1]
+
+
+def test_a_broker_that_others_can_reach_without_users_says_so_in_one_line():
+    (line,) = printed_by("--host", "0.0.0.0").splitlines()
+    assert "on 0.0.0.0 without users: whoever reaches it may publish and read everything" in line
+    assert "jouleswarm keys init" in line
+
+
+def test_a_broker_with_users_but_without_tls_says_that_passwords_go_unencrypted(keys):
+    files = ("--users", str(keys / "broker" / "users"), "--rights", str(keys / "broker" / "rights"))
+    (line,) = printed_by("--host", "0.0.0.0", *files).splitlines()
+    assert "without TLS: passwords and messages go unencrypted" in line
+
+
+def test_a_broker_with_keys_or_on_this_machine_alone_says_nothing(keys):
+    assert printed_by("--host", "0.0.0.0", "--keys", str(keys)) == ""
+    assert printed_by("--host", "127.0.0.2") == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--users", "{keys}/users"), "expected both"),
+        (("--tls-cert", "{keys}/server.crt"), "expected --tls-cert and --tls-key"),
+        (("--tls-client-ca", "{keys}/ca.crt"), "expected --tls-cert and --tls-key"),
+        (("--tls-cert", "{keys}/server.crt", "--tls-key", "{keys}/rights"), "expected PEM files"),
+        (("--tls-cert", "{keys}/missing", "--tls-key", "{keys}/server.key"), "No such file"),
+        (("--users", "{keys}/rights", "--rights", "{keys}/rights"), "rights, line 3, user "),
+        (("--users", "{keys}/users", "--rights", "{keys}/users"), "users, line 1: got "),
+        (("--keys", "{keys}/nowhere"), "nowhere/broker"),
+    ],
+)
+def test_access_options_that_cannot_be_used_are_one_clear_line_and_exit_code_2(keys, options, told):
+    filled = [each.format(keys=keys / "broker") for each in options]
+    result = run("--port", "0", "--no-metrics", *filled)
+    assert (result.returncode, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    assert told in line

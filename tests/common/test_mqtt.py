@@ -68,6 +68,8 @@ def connect(broker) -> Iterator[Callable[..., MqttBus]]:
         ("mqtt://10.0.0.1:2883/", BrokerAddress("10.0.0.1", 2883)),
         ("mqtt://[::1]:1884", BrokerAddress("::1", 1884)),
         ("mqtt://robot:p%40ss@broker", BrokerAddress("broker", 1883, "robot", "p@ss")),
+        ("mqtts://broker", BrokerAddress("broker", 8883, tls=True)),
+        ("mqtts://robot:pass@[::1]:9000", BrokerAddress("::1", 9000, "robot", "pass", tls=True)),
     ],
 )
 def test_url(url, expected):
@@ -92,7 +94,8 @@ def test_password_is_never_shown():
     with pytest.raises(ConfigurationError) as caught:
         parse_url("mqtt://robot:secret@host:port")
     assert "secret" not in str(caught.value)
-    assert "secret" not in str(parse_url("mqtt://robot:secret@host"))
+    assert str(parse_url("mqtt://robot:secret@host")) == "mqtt://host:1883"
+    assert str(parse_url("mqtts://robot:secret@[::1]")) == "mqtts://[::1]:8883"
 
 
 def test_unreachable_broker_is_tried_again_and_then_an_error_with_exit_code_3():
@@ -295,3 +298,45 @@ def test_close_counts_everything_that_was_delivered(connect):
     subscriber.close()
     (row,) = subscriber.meter.rows()
     assert row.messages == 20
+
+
+def test_a_broker_that_is_unavailable_for_now_is_tried_again_and_one_that_refuses_is_not():
+    # CONNACK with return codes 3 (server unavailable), 0 (accepted) and 5 (not authorized): MQTT 3.1.1, table 3.1.
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        url = f"mqtt://127.0.0.1:{listener.getsockname()[1]}"
+        connections = []
+
+        def serve() -> None:
+            for code in (3, 3, 0, 5):
+                connection, _ = listener.accept()
+                connections.append(connection)
+                connection.recv(1000)
+                connection.sendall(bytes((0x20, 2, 0, code)))
+
+        server = threading.Thread(target=serve, daemon=True)
+        server.start()
+        bus = MqttBus.connect(url, "agent-1", connect_timeout_s=20)
+        assert len(connections) == 3
+        connections[2].close()  # it is gone, comes back, and knows the client no more
+        with pytest.raises(ConfigurationError, match="not authorized"):
+            bus.receive(20)
+        server.join()
+        bus._stop()
+        for connection in connections:
+            connection.close()
+
+
+def test_a_broker_that_stays_unavailable_is_given_up_with_what_it_said():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve() -> None:
+            with contextlib.suppress(OSError):
+                while True:
+                    connection, _ = listener.accept()
+                    connection.recv(1000)
+                    connection.sendall(b"\x20\x02\x00\x03")
+
+        threading.Thread(target=serve, daemon=True).start()
+        url = f"mqtt://127.0.0.1:{listener.getsockname()[1]}"
+        with pytest.raises(BrokerUnreachableError, match="refused: server unavailable"):
+            MqttBus.connect(url, "agent-1", connect_timeout_s=0.8)

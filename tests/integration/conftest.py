@@ -19,6 +19,7 @@ from typing import Any
 import psutil
 import pytest
 
+from common.methods import METHODS
 from common.mqtt import MqttBus
 
 ROOT = Path(__file__).parents[2]
@@ -187,6 +188,12 @@ def small_run(run_toy: RunToy) -> Run:
     return run_toy("small", *SMALL)
 
 
+@pytest.fixture(scope="session")
+def methods_run(run_toy: RunToy) -> Run:
+    """Every method, and an arm from a meta-model on the way, in one deployment."""
+    return run_toy("methods", *SMALL, f"methods={list(METHODS)}", "meta.adapt_from=[1]")
+
+
 @pytest.fixture
 def broker(start: Starter) -> str:
     """A broker started by hand; returns its URL."""
@@ -206,15 +213,26 @@ def listening(port: int) -> str:
 
 
 @pytest.fixture
-def mosquitto(start: Starter, tmp_path: Path) -> str:
-    """A Mosquitto broker; returns its URL."""
+def mosquitto_with(start: Starter, tmp_path: Path) -> Callable[[str], str]:
+    """Starts a Mosquitto broker with further lines in its settings; returns its URL, as if without TLS."""
     program = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
     if program is None:
         pytest.skip("mosquitto is not installed")
-    port, settings = free_port(), tmp_path / "mosquitto.conf"
-    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
-    start(program, "-c", str(settings))
-    return listening(port)
+
+    def run(lines: str) -> str:
+        port, settings = free_port(), tmp_path / "mosquitto.conf"
+        # As root it would become another user, who cannot read a private key.
+        settings.write_text(f"user root\nlistener {port} 127.0.0.1\nset_tcp_nodelay true\n{lines}")
+        start(program, "-c", str(settings))
+        return listening(port)
+
+    return run
+
+
+@pytest.fixture
+def mosquitto(mosquitto_with: Callable[[str], str]) -> str:
+    """A Mosquitto broker; returns its URL."""
+    return mosquitto_with("allow_anonymous true\n")
 
 
 @pytest.fixture
@@ -243,16 +261,18 @@ class ByHand:
     out: Path
     name: str = "by-hand"
     overrides: tuple[str, ...] = SMALL
+    options: tuple[str, ...] = ()
 
     @property
     def _common(self) -> list[str]:
-        return ["--scenario", str(TOY), "--broker", self.url, "--run", self.name, *sets(*self.overrides)]
+        common = ["--broker", self.url, *self.options, *sets(*self.overrides)]
+        return ["--scenario", str(TOY), "--run", self.name, *common]
 
     def recorder(self) -> Started:
         """Returns when it listens."""
         started = self.start.jouleswarm(
             "record", str(TOY), "--broker", self.url, "--run-id", self.name, "--out", str(self.out), "--no-figures",
-            *sets(*self.overrides),
+            *self.options, *sets(*self.overrides),
         )  # fmt: skip
         wait_until((self.out / self.name / "manifest.json").exists, "the recorder to listen")
         return started

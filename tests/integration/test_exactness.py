@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from benchmarks.in_memory import run_in_memory
-from common.methods import METHODS
 from common.scenario import scenario_from
 
 Count = tuple[int, int, int]
@@ -24,12 +23,6 @@ def counts(run: Any, side: str, direction: str) -> dict[tuple[str, str], Count]:
 @pytest.fixture(scope="session")
 def qos_0_run(run_toy: Any, small: Any):
     return run_toy("qos0", *small, "bus.qos=0")
-
-
-@pytest.fixture(scope="session")
-def methods_run(run_toy: Any, small: Any):
-    """Every method, and an arm from a meta-model on the way, in one deployment."""
-    return run_toy("methods", *small, f"methods={list(METHODS)}", "meta.adapt_from=[1]")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,155 @@
+"""Who may connect to the broker, and what each client may publish and read."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from argon2 import PasswordHasher, Type, extract_parameters
+from argon2.exceptions import Argon2Error, InvalidHashError
+
+from broker.rights import Access, Rights, Rule, parse_rights, permits, permits_filter
+from common.errors import ConfigurationError
+from common.mqtt_client import name_of
+
+# Return codes of CONNACK (MQTT 3.1.1, section 3.2.2.3).
+UNAVAILABLE, BAD_CREDENTIALS, NOT_AUTHORIZED = 3, 4, 5
+VERIFICATIONS = 2  # at once: each takes a core for tens of milliseconds, and tens of megabytes
+CACHED_TOPICS = 1000
+Users = dict[str, str]
+
+
+class Refused(Exception):
+    """A client that is not let in; `code` is what its CONNACK says, the text is for the broker's log."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class Grants:
+    """One client's rights. What was decided for a topic is kept, up to a limit."""
+
+    def __init__(self, rules: tuple[tuple[Rule, ...], ...], refused: Callable[[str], None]) -> None:
+        self._rules, self._refused = rules, refused
+        self._publish: dict[str, bool] = {}
+
+    def may_publish(self, topic: str) -> bool:
+        """Whether the client may publish on `topic`; the first refusal of a topic is told."""
+        allowed = self._publish.get(topic)
+        if allowed is None:
+            allowed = permits(self._rules, Access.WRITE, topic)
+            if len(self._publish) >= CACHED_TOPICS:
+                self._publish.clear()
+            self._publish[topic] = allowed
+            if not allowed:
+                self._refused(f"publish on {topic}")
+        return allowed
+
+    def may_receive(self, topic: str) -> bool:
+        """Whether messages on `topic` may be delivered to the client."""
+        return permits(self._rules, Access.READ, topic)
+
+    def may_subscribe(self, topic_filter: str) -> bool:
+        """Whether one of its rights covers the filter."""
+        if allowed := permits_filter(self._rules, topic_filter):
+            return True
+        self._refused(f"subscribe to {topic_filter}")
+        return allowed
+
+
+class Guard:
+    """Checks logins against users and passwords, in threads: a login never keeps the event loop from traffic."""
+
+    def __init__(self, users: Users, rights: Rights, timeout_s: float) -> None:
+        self._users, self._rights, self._timeout_s = users, rights, timeout_s
+        self._hasher = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)
+        # Verified for a user that does not exist, so that the time does not tell.
+        self._nobody = self._hasher.hash("")
+        self._threads = ThreadPoolExecutor(VERIFICATIONS, "login")
+
+    async def admit(self, session: Any, refused: Callable[[str], None]) -> Grants:
+        """The rights of a client that may connect.
+
+        Raises:
+            Refused: wrong user or password, or a client id, certificate or last will that is not the user's own.
+        """
+        user, client_id = session.username or "", session.client_id
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                loop = asyncio.get_running_loop()
+                known = await loop.run_in_executor(self._threads, self._verify, user, session.password or "")
+        except TimeoutError:
+            raise Refused(UNAVAILABLE, f"too many logins to verify within {self._timeout_s:g} s") from None
+        if not known:
+            raise Refused(BAD_CREDENTIALS, f"user {user!r}: no such user, or not its password")
+        if name_of(client_id) != user:
+            raise Refused(NOT_AUTHORIZED, f"user {user!r} with the client id {client_id!r}; expected its own name")
+        certified = common_name(session.ssl_object)
+        if certified not in (None, user):
+            raise Refused(NOT_AUTHORIZED, f"user {user!r} with the certificate of {certified!r}; expected its own")
+        grants = Grants(self._rights.of(user, client_id), refused)
+        if session.will_flag and not grants.may_publish(session.will_topic):
+            raise Refused(NOT_AUTHORIZED, f"user {user!r} with a last will on {session.will_topic!r}")
+        return grants
+
+    def close(self) -> None:
+        """No more logins."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def _verify(self, user: str, password: str) -> bool:
+        known = self._users.get(user)
+        try:
+            return self._hasher.verify(known or self._nobody, password) and known is not None
+        except Argon2Error:
+            return False
+
+
+def common_name(tls: Any) -> str | None:
+    """Common name of the certificate that a client has shown; None without one."""
+    subject = (tls.getpeercert() or {}).get("subject", ()) if tls is not None else ()
+    return next((value for part in subject for name, value in part if name == "commonName"), None)
+
+
+def load_guard(users: Path, rights: Path, timeout_s: float) -> Guard:
+    """Read both files.
+
+    Raises:
+        ConfigurationError: one cannot be read, or a line of it is not as it should be.
+    """
+    return Guard(parse_users(_read(users), str(users)), parse_rights(_read(rights), str(rights)), timeout_s)
+
+
+def parse_users(text: str, source: str = "users") -> Users:
+    """Lines of NAME:HASH, as in Mosquitto's password_file; HASH is argon2id, as RFC 9106's reference encodes it.
+
+    Raises:
+        ConfigurationError: a line is not like that.
+    """
+    users: Users = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        name, _, encoded = line.strip().partition(":")
+        try:
+            usable = bool(name) and name not in users and extract_parameters(encoded).type is Type.ID
+        except InvalidHashError:
+            usable = False
+        if not usable:
+            raise ConfigurationError(  # not the line itself: it could hold a password
+                f"{source}, line {number}, user {name!r}: expected NAME:$argon2id$..., each name once; "
+                "`jouleswarm keys init` makes such a file"
+            )
+        users[name] = encoded
+    return users
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"cannot read {path}: {why}; `jouleswarm keys init` makes one") from error
