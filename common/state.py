@@ -80,7 +80,7 @@ class StateFile:
             return None
         try:
             with safetensors.safe_open(self._path, framework="np") as file:
-                metadata = file.metadata()
+                metadata = file.metadata() or {}
                 if metadata["owner"] != self._owner:
                     raise ValueError("it is another scenario's, run's or process's")
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
