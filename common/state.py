@@ -67,7 +67,8 @@ class StateFile:
             RunError: it cannot be written.
         """
         arrays = {name: np.asarray(array, order="C") for name, array in state.arrays.items()}
-        metadata = {"owner": self._owner, "values": json.dumps(state.values)}
+        # Codecs lay a model's tensors end to end, in their order, which a safetensors file does not keep.
+        metadata = {"owner": self._owner, "names": json.dumps(list(arrays)), "values": json.dumps(state.values)}
         write_durably(self._path, safetensors.numpy.save(arrays, metadata=metadata))
 
     def load(self) -> State | None:
@@ -83,7 +84,7 @@ class StateFile:
                 metadata = file.metadata() or {}
                 if metadata["owner"] != self._owner:
                     raise ValueError("it is another scenario's, run's or process's")
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+                arrays = {name: file.get_tensor(name) for name in json.loads(metadata["names"])}
             return State(arrays, json.loads(metadata["values"]))
         except (KeyError, ValueError, OSError, safetensors.SafetensorError) as error:
             raise RunError(
