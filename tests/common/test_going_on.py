@@ -17,7 +17,7 @@ from common.qnetwork import build_qnetwork, shapes_of, to_weights
 from common.replay import Replay
 from common.rewards import RewardLedger
 from common.settings import Learning, Network
-from common.state import State, Stateful, StateFile
+from common.state import State, StateFile, Stateful
 from common.streams import WeightsDecoder, WeightsEncoder
 
 NETWORK = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))

@@ -90,7 +90,7 @@ def test_a_central_learner_goes_on_bit_by_bit(
 ) -> None:
     scenario = make_scenario(
         methods=["centralized"], federation={"codec": codec},
-        learning={"batches_per_round": 3, "batch_size": 4, "replay_size": 5},  # for two robots, 10: the third round wraps
+        learning={"batches_per_round": 3, "batch_size": 4, "replay_size": 5},  # 10 for two robots: round 3 wraps
     )  # fmt: skip
 
     def turn(round_: int) -> Turn[Any]:
