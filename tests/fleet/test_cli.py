@@ -85,7 +85,8 @@ def test_what_cannot_be_used_is_said_in_one_line_and_nothing_is_written(
     [
         ["walk"], ["run"], ["run", str(TOY), "--speed", "9"], ["run", str(TOY), "--seed", "one"], ["record", str(TOY)],
         ["run", str(TOY), "--restarts", "-1"], ["run", str(TOY), "--resume", "r"],
-        ["run", "--resume", "r", "--seed", "1"], ["chaos"], ["chaos", str(TOY), "--faults", "0"], ["chaos", str(TOY), "--kind", "rain"],
+        ["run", "--resume", "r", "--seed", "1"],
+        ["chaos"], ["chaos", str(TOY), "--faults", "0"], ["chaos", str(TOY), "--kind", "rain"],
     ],
     ids=" ".join,
 )  # fmt: skip

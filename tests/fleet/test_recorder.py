@@ -52,7 +52,8 @@ class Table:
     def __init__(self, scenario: Scenario, path: Path) -> None:
         self.hub = MemoryHub()
         self.path = path
-        self.recorder = Recorder(self.hub.connect("recorder"), scenario, RUN, RunDirectory(path))
+        self.bus = self.hub.connect("recorder")
+        self.recorder = Recorder(self.bus, scenario, RUN, RunDirectory(path))
         self.others = self.hub.connect("others")
         self.ears: dict[str, MemoryBus] = {}
 
@@ -82,7 +83,9 @@ class Table:
         self.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
 
     def pump(self) -> None:
-        self.recorder.pump(0.05)  # a busy machine takes its time
+        self.recorder.pump(0.05)
+        while not self.bus._inbox.empty():  # a busy machine takes its time
+            self.recorder.pump(0.05)
 
     def json(self, name: str) -> Any:
         return json.loads((self.path / name).read_text())
