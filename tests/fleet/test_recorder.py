@@ -70,11 +70,12 @@ class Table:
 
     def acknowledged(self, client: str) -> list[str]:
         """The topics that the recorder has acknowledged to a client since it was first asked."""
-        ears = self.ears.setdefault(client, self.hub.connect(f"ears of {client}"))
-        ears.subscribe(topics.acknowledgement(RUN, client))
+        if client not in self.ears:
+            self.ears[client] = self.hub.connect(f"ears of {client}")
+            self.ears[client].subscribe(topics.acknowledgement(RUN, client))
         self.pump()
         said = []
-        while message := ears.receive(0):
+        while message := self.ears[client].receive(0):
             said.append(decode_json(message.payload, Acknowledgement).topic)
         return said
 

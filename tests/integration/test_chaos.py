@@ -49,18 +49,14 @@ def has_row(path: Path, phase: str) -> bool:
     return rounds.exists() and f'"phase":"{phase}"' in rounds.read_text()
 
 
-def kill_all(mark: str) -> None:
-    """SIGKILL for everything that was started with TEST_MARK=mark, the launcher first."""
+def marked(mark: str) -> list[psutil.Process]:
+    """Everything alive that was started with TEST_MARK=mark, the launcher first."""
     found = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
-            if process.environ().get("TEST_MARK") == mark:
+            if process.environ().get("TEST_MARK") == mark and process.status() != psutil.STATUS_ZOMBIE:
                 found.append(process)
-    for process in sorted(found, key=lambda each: each.create_time()):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            process.kill()
-    _, alive = psutil.wait_procs(found, timeout=DEADLINE_S)
-    assert [process for process in alive if process.status() != psutil.STATUS_ZOMBIE] == []
+    return sorted(found, key=lambda each: each.create_time())
 
 
 @pytest.mark.parametrize("phase", ["maml", "fl"])
@@ -70,8 +66,11 @@ def test_a_run_of_which_everything_was_killed_is_gone_on_with_to_the_same_end(
     path = tmp_path / "r"
     run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets(LONGER), TEST_MARK=str(path))
     eventually(lambda: has_row(path, phase), f"a row of {phase}")
-    kill_all(str(path))
+    for process in marked(str(path)):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            process.kill()
     assert run.ends(DEADLINE_S) == -signal.SIGKILL
+    eventually(lambda: not marked(str(path)), "the end of all")
     assert not (path / "summary.json").exists()
     report = start.jouleswarm("report", str(path))
     assert report.ends(DEADLINE_S) == 0, report.printed
