@@ -43,7 +43,11 @@ class Identity:
             free = self._echoed and not self._somebody
             return free or self._contested or time.monotonic() >= until
 
-        self._listener.until(settled, self._waits_for, lambda: self._say(holds=False))
+        def ask() -> None:
+            if not self._echoed:  # said after its echo it would seem to have come later than it has
+                self._say(holds=False)
+
+        self._listener.until(settled, self._waits_for, ask)
         if self._contested:
             self._bus.close()
             name = f"robot {self._agent}" if self._agent else "the data center"
@@ -72,10 +76,11 @@ class Identity:
         claim = decode_json(message.payload, Claim)
         if claim.who == self._who:
             self._echoed = True
-        elif self._holds:
-            if not claim.holds:
-                self._say(holds=True)
-        elif claim.holds or not self._echoed:
+        elif claim.holds:
+            self._contested = self._contested or not self._holds
+        elif self._echoed:  # it came later, also while this one still waits for the process before it to end
+            self._say(holds=True)
+        else:
             self._contested = True
 
     def _say(self, *, holds: bool) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from common.errors import RunError
 from common.state import State
 
 _KEPT = ("actions", "rewards", "terminated", "complete")
@@ -29,6 +30,7 @@ class Replay:
     def __init__(self, size: int, height: int, width: int, file: Path | None = None) -> None:
         """`file`: where the frames are kept. A round that is done again writes the same frames to the same places, so
         that the frames of the file fit any state since its beginning of that round."""
+        self._file, self._is_new = file, file is not None and not file.exists()
         self._frames = _frames(file, (size, height, width, 4))
         self._actions = np.zeros(size, np.int64)
         self._rewards = np.zeros(size, np.float32)
@@ -64,7 +66,13 @@ class Replay:
         return State(arrays, {"written": self._written})
 
     def load_state(self, state: State) -> None:
-        """Go on from a state of this memory and its file."""
+        """Go on from a state of this memory and its file.
+
+        Raises:
+            RunError: the file has gone.
+        """
+        if self._is_new and state.values["written"]:
+            raise RunError(f"{self._file}: the frames of a replay memory are missing; begin with another --state")
         for name in _KEPT:
             getattr(self, f"_{name}")[:] = state.arrays[name]
         self._written = state.values["written"]

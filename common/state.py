@@ -102,7 +102,8 @@ class StateFile:
         if self._written is None:
             self._written = max((number for number, _ in self._whole()), default=0)
         arrays = {name: np.asarray(array, order="C") for name, array in state.arrays.items()}
-        metadata = {"owner": self._owner, "values": json.dumps(state.values)}
+        # Codecs lay a model's tensors end to end, in their order, which a safetensors file does not keep.
+        metadata = {"owner": self._owner, "names": json.dumps(list(arrays)), "values": json.dumps(state.values)}
         content = safetensors.numpy.save(arrays, metadata=metadata)
         path, number = self._paths[self._written % 2], self._written + 1
         try:
@@ -131,9 +132,10 @@ class StateFile:
             return None
         _, content = max(whole)
         try:
-            arrays = safetensors.numpy.load(content)
+            found = safetensors.numpy.load(content)
             (length,) = struct.unpack_from("<Q", content)
             metadata = json.loads(content[8 : 8 + length])["__metadata__"]
+            arrays = {name: found[name] for name in json.loads(metadata["names"])}
             values = json.loads(metadata["values"])
         except (KeyError, ValueError, safetensors.SafetensorError) as error:
             raise self._unfit(str(error)) from error

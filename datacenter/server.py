@@ -40,6 +40,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
+    identity.announce(0)  # who would be a second one hears it at once
     checkpoints = {
         method: Checkpoint(state / method if state else None, owner_of(scenario, run, method), durable=keep.durable)
         for method in scenario.methods

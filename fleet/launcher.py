@@ -85,7 +85,7 @@ class Launcher:
         """
         command = [sys.executable, "-m", "broker", "--exit-with-stdin", *arguments]
         ready = self._run_broker([*command, "--port", "0", "--metrics-port", "0"])
-        ports = {"--port": ready["url"], "--metrics-port": ready["metrics"].removesuffix("/metrics")}
+        ports = {"--port": ready["url"], "--metrics-port": (ready["metrics"] or ":0").removesuffix("/metrics")}
         # The next one, if there must be one, is where this one was.
         self._broker_command = [*command, *(part for key, url in ports.items() for part in (key, url.split(":")[-1]))]
         return ready

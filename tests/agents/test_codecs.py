@@ -20,6 +20,7 @@ from common.methods import Arm
 from common.payloads import ModelHeader, RoundRequest, encode_json
 from common.qnetwork import build_qnetwork, to_weights
 from common.scenario import Scenario, scenario_from
+from common.settings import Bus
 from common.streams import WeightsEncoder
 from datacenter.cluster_desk import Turn
 from datacenter.parameter_server import ParameterServer
@@ -46,7 +47,7 @@ class Pair:
     def __init__(self, codec: WeightsCodec = HALF_OF_THEM) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
-        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S, codec)
+        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), codec)
         self.meta = MetaLink(self.exchange, SHAPES)
         self.other = self.hub.connect("other")
         self.open("fl")
@@ -197,7 +198,7 @@ class Averaging:
         here = Neighbourhood(agent=agent, task=TASK, cluster=(1, 2), neighbours=(), diameter=1)
         shapes = {name: tensor.shape for name, tensor in weights.items()}
         bus, codec = self.hub.connect(f"agent-{agent}"), self.scenario.federation.weights_codec
-        exchange = Exchange(bus, RUN, here, shapes, 1, PATIENT_S, codec)
+        exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), codec)
         exchange.open_arm(Arm("fedavg", "fedavg", 0), here)
         sharing = ServedSharing(ServerLink(exchange), exchange)
         for round_ in range(1, ROUNDS + 1):

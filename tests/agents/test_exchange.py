@@ -14,6 +14,7 @@ from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
 from common.methods import Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
+from common.settings import Bus
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
 SHAPES = {"w": (2,)}
@@ -55,7 +56,7 @@ class Table:
     def __init__(self, resend_after_s: float = PATIENT_S) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2, 3), neighbours=(2, 3), diameter=1)
-        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, 1, resend_after_s)
+        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=resend_after_s))
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
         self.meta = MetaLink(self.exchange, SHAPES)
@@ -120,7 +121,7 @@ def header(round_: int) -> ModelHeader:
 
 def test_a_robot_without_neighbours_gathers_nothing_at_once() -> None:
     here = Neighbourhood(agent=1, task=1, cluster=(1,), neighbours=(), diameter=1)
-    exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, 1, PATIENT_S)
+    exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S))
     exchange.join([Arm(ARM, ARM, 3)])
     exchange.open_arm(Arm(ARM, ARM, 3), here)
     exchange.await_stage(1)

@@ -4,6 +4,8 @@ The path is entry (0, 1), (1, 1), (2, 1), exit (3, 1): 3 motions forward, worth 
 """
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,7 @@ from agents.explorer import Explorer
 from common.learner import Learner
 from common.payloads import MotionHeader, decode_motion
 from common.scenario import Scenario, scenario_from
+from common.state import StateFile
 
 FORWARD, LEFT = 0, 2
 FIRST, SECOND, EXIT = -0.5 - 2.5 * 2 / 3, -0.5 - 2.5 / 3, 80.0
@@ -154,3 +157,27 @@ def test_robots_of_a_cluster_start_in_areas_of_their_own() -> None:
         arrived.append(set(robot.replay.sample(1000, np.random.default_rng(0)).rewards.tolist()))
     # starts without the exit 10: 0 to 4 for the first robot, 5 to 9 and 11 for the second
     assert arrived == [{0, 1, 3}, {4, 6, 7, 9, 10}]
+
+
+@pytest.mark.parametrize("motions", [0, 3, 8, 11])  # between episodes or in the middle of one
+def test_an_explorer_that_comes_back_goes_on_bit_by_bit(motions: int, tmp_path: Path) -> None:
+    settings = scenario(epsilon=0.5)
+
+    def next_round(explorer: Explorer) -> tuple[Any, ...]:
+        learner = always(FORWARD, settings)
+        explorer.collect(learner, 9)
+        batch = learner.replay.sample(20, np.random.default_rng(1))
+        sent = list(explorer.policy_motions(learner, 2))
+        return explorer.evaluate(learner), [part.tolist() for part in batch], sent
+
+    undisturbed = begun(settings)
+    learner = always(FORWARD, settings)
+    undisturbed.collect(learner, motions)
+    undisturbed.evaluate(learner)
+    file = StateFile(tmp_path / "s.safetensors", "o")
+    file.save(undisturbed.state())
+    state, back = file.load(), begun(settings)
+    assert state is not None
+    back.load_state(state)
+    for _ in range(2):
+        assert next_round(back) == next_round(undisturbed)

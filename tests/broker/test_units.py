@@ -11,6 +11,7 @@ from broker.limits import Budget
 from broker.meter import BrokerMeter, by_link
 from broker.publication import Publication
 from common.bus import matches
+from common.meter import read_rows
 from common.mqtt import name_of, wire_id
 from common.topics import Link
 
@@ -89,6 +90,27 @@ def test_meter_books_under_the_plain_name_and_sums_by_link():
             "out": {"messages": 1, "payload_bytes": 10, "packet_bytes": 48},
         }
     }
+
+
+def test_a_broker_that_was_killed_goes_on_counting_rows_and_totals(tmp_path):
+    killed = BrokerMeter(folder=tmp_path)
+    killed.received(wire_id("agent-3"), WEIGHTS, 10, 46)
+    killed.delivered("agent-4", WEIGHTS, 10, 48)
+    killed.acknowledged("agent-4", WEIGHTS, 10, 48)
+    meter = BrokerMeter(folder=tmp_path)
+    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
+    assert [(row.client, row.direction, row.messages, row.packet_bytes) for row in meter.rows()] == [
+        ("agent-3", "in", 2, 96),
+        ("agent-4", "acked", 1, 48),
+        ("agent-4", "out", 1, 48),
+    ]
+    assert by_link(meter.totals().items()) == {
+        Link.SIDELINK: {
+            "in": {"messages": 2, "payload_bytes": 20, "packet_bytes": 96},
+            "out": {"messages": 1, "payload_bytes": 10, "packet_bytes": 48},
+        }
+    }
+    assert meter.rows() == read_rows("broker", tmp_path)
 
 
 def test_name_of_undoes_wire_id_and_leaves_other_ids_alone():

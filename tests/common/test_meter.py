@@ -1,12 +1,13 @@
 """Byte counters and MQTT packet sizes."""
 
 import threading
+from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
 from common import topics
-from common.meter import Direction, Meter, MeterRow, packet_bytes, publish_packet_bytes, received
+from common.meter import Direction, Meter, MeterRow, packet_bytes, publish_packet_bytes, read_rows, received
 from common.topics import Link
 
 WEIGHTS = topics.weights("r", "maml", 2, 3)  # jouleswarm/r/maml/sl/2/3/weights
@@ -38,6 +39,18 @@ def test_publish_packet_of_paper_size_weights() -> None:
 
 def test_a_topic_counts_as_utf8_bytes() -> None:
     assert publish_packet_bytes("é", 0, qos=0) == 6  # 1 + 1 + 2 + 2
+
+
+def test_a_process_that_was_killed_goes_on_counting(tmp_path: Path) -> None:
+    for _ in range(2):
+        meter = Meter("client", tmp_path)
+        meter.count("agent-3", WEIGHTS, "out", 100, 140)
+        meter.count("agent-3", "not/metered", "out", 100, 140)
+    meter.flush()
+    (row,) = meter.rows()
+    assert (row.client, row.messages, row.payload_bytes, row.packet_bytes) == ("agent-3", 2, 200, 280)
+    assert read_rows("client", tmp_path) == [row]
+    assert read_rows("client", tmp_path / "nowhere") == []
 
 
 def test_counts_accumulate_per_client_topic_and_direction() -> None:

@@ -34,6 +34,12 @@ class Broker:
         self.url = json.loads(self.process.stdout.readline())["url"]
         self.port = int(self.url.rpartition(":")[2])
 
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait(timeout=20)
+        self.process.stdin.close()
+        self.process.stdout.close()
+
     def stop(self) -> None:
         self.process.stdin.close()
         self.process.wait(timeout=20)
@@ -176,6 +182,45 @@ def test_reconnects_subscribes_again_and_sends_what_was_queued(broker, connect):
     publisher.publish("a", b"after the break", retain=True)
     publisher.flush()
     assert bytes(subscriber.receive(20).payload) == b"after the break"
+
+
+def last_word(connect, topic: str) -> bytes:
+    """What a broker tells who comes late."""
+    late = connect("late")
+    late.subscribe(topic)
+    return bytes(late.receive(20).payload)
+
+
+def test_what_was_retained_is_said_again_to_a_broker_that_was_started_anew(broker, connect):
+    publisher, watcher = connect("agent-1"), connect("agent-2")
+    for payload in (b"first", b"last"):
+        publisher.publish("state", payload, retain=True)
+    publisher.publish("state", b"passing")
+    publisher.publish("gone", b"was here", retain=True)
+    publisher.publish("gone", b"", retain=True)
+    publisher.flush()
+    broker.kill()
+    broker.start()
+    watcher.subscribe("state", "gone")  # comes before or after the publisher is back
+    message = watcher.receive(20)
+    assert (message.topic, bytes(message.payload)) == ("state", b"last")
+    assert last_word(connect, "+") == b"last"
+    assert (publisher.connections, watcher.connections) == (2, 2)
+
+
+def test_the_retained_word_that_was_said_last_wins_also_while_the_broker_was_away(broker, connect):
+    publisher = connect("agent-1")
+    publisher.publish("state", b"before", retain=True)
+    publisher.flush()
+    broker.kill()
+    for payload in (b"while it was away", b"last"):
+        publisher.publish("state", payload, retain=True)
+    broker.start()
+    publisher.flush()
+    assert last_word(connect, "state") == b"last"
+    publisher.publish("state", b"after", retain=True)
+    publisher.flush()
+    assert last_word(connect, "state") == b"after"
 
 
 def test_lost_broker_is_an_error_after_the_time_allowed(broker, connect):

@@ -1,49 +1,129 @@
 """What processes hand in to the recorder."""
 
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
 from common import topics
-from common.bus import MemoryHub
-from common.payloads import Presence, decode_json, encode_json
-from common.reports import MeterReport, Telemetry, leave, publish_row
+from common.bus import MemoryBus, MemoryHub
+from common.listener import Listener
+from common.payloads import Acknowledgement, Presence, decode_json, encode_json
+from common.reports import MeterReport, Reporter, Telemetry
 from common.runlog import RoundRow
 
-ROW = RoundRow(phase="fl", arm="maml", task=1, agent=3, round=2, reward=51.5, seconds=0.25)
+DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
+WEIGHTS, HERE = topics.weights("r", "maml", 1, 4), topics.presence("r", 1, 3)
+LEARNED = topics.learned("r", "maml", 1)
 
 
-def test_a_row_travels_with_what_its_sender_had_received() -> None:
-    hub = MemoryHub()
-    robot, neighbour, recorder = hub.connect("agent-3"), hub.connect("agent-4"), hub.connect("recorder")
-    robot.subscribe(topics.weights("r", "maml", 1, 4))
-    recorder.subscribe(topics.telemetry("r", "+", "+"))
-    neighbour.publish(topics.weights("r", "maml", 1, 4), b"12345")
-    publish_row(robot, "r", ROW)
-    message = recorder.receive(0)
+def row(round_: int) -> RoundRow:
+    return RoundRow(phase="fl", arm="maml", task=1, agent=3, round=round_, reward=51.5, seconds=0.25)
+
+
+class Table:
+    """Robot 3's line to the recorder, whose hands and ears are the test's."""
+
+    def __init__(self, quiet_s: float = PATIENT_S, rows: Path | None = None) -> None:
+        self.hub = MemoryHub()
+        self.robot, self.others = self.hub.connect("agent-3"), self.hub.connect("others")
+        self.recorder = self.hub.connect("recorder")
+        self.listener = Listener(self.robot, quiet_s)
+        self.reporter = Reporter(self.listener, "r", rows)
+
+    def record(self) -> None:
+        self.others.publish(topics.recorder("r"), encode_json(Presence(agent=0)), retain=True)
+        self.listener.take_waiting()
+
+    def acknowledge(self, topic: str) -> None:
+        self.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic)))
+
+    def report(self) -> MeterReport:
+        self.recorder.subscribe(topics.meter_report("r", "+"))
+        self.reporter.leave([WEIGHTS], HERE)
+        return decode_json(heard(self.recorder), MeterReport)
+
+
+def heard(bus: MemoryBus) -> bytes:
+    message = bus.receive(DEADLINE_S)
+    assert message is not None, "nothing was said"
+    return bytes(message.payload)
+
+
+@pytest.fixture
+def table() -> Table:
+    return Table()
+
+
+def test_a_row_travels_with_what_its_sender_had_received(table: Table) -> None:
+    table.robot.subscribe(WEIGHTS)
+    table.recorder.subscribe(topics.telemetry("r", "+", "+"))
+    table.others.publish(WEIGHTS, b"12345")
+    table.reporter.row(row(2))
+    message = table.recorder.receive(0)
     assert message is not None
     assert message.topic == "jouleswarm/r/maml/tlm/agent-3/round"
     told = decode_json(message.payload, Telemetry)
-    assert told.row == ROW
+    assert told.row == row(2)
     assert told.received == {"uplink": 0, "downlink": 0, "sidelink": 5, "control": 0}
 
 
-def test_who_leaves_clears_its_presence_and_hands_in_counters_that_are_final() -> None:
-    hub = MemoryHub()
-    robot, neighbour, recorder = hub.connect("agent-3"), hub.connect("agent-4"), hub.connect("recorder")
-    recorder.subscribe(topics.meter_report("r", "+"))
-    here = topics.presence("r", 1, 3)
-    weights = topics.weights("r", "maml", 1, 4)
-    robot.subscribe(weights)
-    robot.publish(here, encode_json(Presence(agent=3, stage=2)), retain=True)
-    neighbour.publish(weights, b"12345")
-    leave(robot, "r", [weights], here)
-    neighbour.publish(weights, b"too late")
-
-    message = recorder.receive(0)
-    assert message is not None
-    report = decode_json(message.payload, MeterReport)
+def test_who_leaves_clears_its_presence_and_hands_in_counters_that_are_final(table: Table) -> None:
+    table.robot.subscribe(WEIGHTS)
+    table.robot.publish(HERE, encode_json(Presence(agent=3, stage=2)), retain=True)
+    table.others.publish(WEIGHTS, b"12345")
+    report = table.report()
+    table.others.publish(WEIGHTS, b"too late")
     assert report.client == "agent-3"
-    assert report.rows == robot.meter.rows()
-    received = [row for row in report.rows if row.direction == "in"]
-    assert [(row.topic, row.messages, row.payload_bytes) for row in received] == [(weights, 1, 5)]
+    assert report.rows == table.robot.meter.rows()
+    received = [each for each in report.rows if each.direction == "in"]
+    assert [(each.topic, each.messages, each.payload_bytes) for each in received] == [(WEIGHTS, 1, 5)]
 
-    late = hub.connect("late")
-    late.subscribe(here)
+    late = table.hub.connect("late")
+    late.subscribe(HERE)
     assert late.receive(0.001) is None  # an empty retained message removes the old one
+
+
+def test_the_report_holds_all_rows_each_once_as_it_was_told_last(table: Table) -> None:
+    again = row(1).model_copy(update={"reward": 7.0})
+    for each in (row(1), row(2), again):
+        table.reporter.row(each)
+    assert table.report().rounds == [again, row(2)]
+
+
+def test_rows_of_a_robot_that_was_killed_are_in_the_report_of_its_next_life(tmp_path: Path) -> None:
+    file = tmp_path / "rounds.jsonl"
+    first = Table(rows=file)
+    first.reporter.row(row(1))
+    first.reporter.row(row(2))
+    with file.open("ab") as torn:
+        torn.write(b'{"phase":"fl","ar')
+    second = Table(rows=file)
+    second.reporter.row(row(3))
+    assert second.report().rounds == [row(1), row(2), row(3)]
+    assert Table(rows=file).report().rounds == [row(1), row(2), row(3)]
+
+
+def test_without_a_recorder_nobody_waits_for_one(table: Table) -> None:
+    table.reporter.deliver(LEARNED, b"weights")
+
+
+@pytest.mark.parametrize("ends", ["acknowledged", "the recorder dies", "the recorder leaves"])
+def test_what_the_recorder_must_not_miss_is_sent_until_it_is_acknowledged_or_the_recorder_goes(ends: str) -> None:
+    table = Table(IMPATIENT_S)
+    table.record()
+    table.recorder.subscribe(LEARNED)
+    table.acknowledge(topics.learned("r", "maml", 2))  # of something else
+    delivering = threading.Thread(target=table.reporter.deliver, args=(LEARNED, b"weights"), daemon=True)
+    delivering.start()
+    assert [heard(table.recorder) for _ in range(3)] == [b"weights"] * 3
+    assert delivering.is_alive()
+    if ends == "acknowledged":
+        table.acknowledge(LEARNED)
+    else:
+        word = encode_json(Presence(agent=0, state="gone")) if ends == "the recorder dies" else b""
+        table.others.publish(topics.recorder("r"), word, retain=True)
+    delivering.join(DEADLINE_S)
+    assert not delivering.is_alive()

@@ -81,3 +81,52 @@ def test_a_file_that_cannot_be_written_is_an_error_of_ours(tmp_path: Path) -> No
     (tmp_path / "weights").rmdir()
     with pytest.raises(RunError, match=r"cannot write .*No such file or directory"):
         directory.weights("maml-task1", b"payload")
+
+
+def test_a_row_that_is_there_is_not_written_again(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    for seconds in (0.5, 0.7):
+        directory.round(row(seconds=seconds))
+    assert [each["seconds"] for each in lines(tmp_path / "rounds.jsonl")] == [0.5]
+
+
+def test_an_interrupted_run_is_gone_on_with_and_its_torn_lines_are_cut_off(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    directory.manifest({"run": "r"})
+    directory.round(row(round=2))
+    directory.round(row(round=1))
+    directory.progress({"time_s": 1.0})
+    directory.weights("maml-task1", b"model")
+    directory.meter([])
+    directory.summary({"status": "interrupted"})
+    for name in ("rounds.jsonl", "progress.jsonl"):
+        with (tmp_path / name).open("a") as file:
+            file.write('{"phase": "f')
+
+    resumed = RunDirectory(tmp_path, resume=True)
+    assert [each.round for each in resumed.rows] == [1, 2]
+    assert not (tmp_path / "summary.json").exists()
+    assert not (tmp_path / "meter.jsonl").exists()
+    assert json.loads((tmp_path / "manifest.json").read_text()) == {"run": "r"}
+    assert (tmp_path / "weights" / "maml-task1.safetensors").read_bytes() == b"model"
+    resumed.round(row(round=2))
+    resumed.round(row(round=3))
+    resumed.progress({"time_s": 2.0})
+    assert [each["round"] for each in lines(tmp_path / "rounds.jsonl")] == [1, 2, 3]
+    assert [each["time_s"] for each in lines(tmp_path / "progress.jsonl")] == [1.0, 2.0]
+
+
+def test_a_run_killed_before_its_first_row_is_gone_on_with(tmp_path: Path) -> None:
+    RunDirectory(tmp_path).manifest({"run": "r"})
+    resumed = RunDirectory(tmp_path, resume=True)
+    assert resumed.rows == []
+    resumed.round(row())
+    assert len(lines(tmp_path / "rounds.jsonl")) == 1
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_is_no_run_is_not_gone_on_with(there: bool, tmp_path: Path) -> None:
+    path = tmp_path if there else tmp_path / "nowhere"
+    with pytest.raises(ConfigurationError, match=r"has no manifest\.json; name one that `jouleswarm run` printed"):
+        RunDirectory(path, resume=True)
+    assert list(tmp_path.iterdir()) == []

@@ -10,6 +10,7 @@ import pytest
 
 from common import topics
 from common.bus import MemoryBus, MemoryHub
+from common.listener import Listener
 from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, encode_json, encode_motion
 from common.scenario import Scenario
 from datacenter.collector import Collector
@@ -31,7 +32,8 @@ class Table:
     def __init__(self, scenario: Scenario, collected: int = 0) -> None:
         self.hub = MemoryHub()
         self.robots, self.ears = self.hub.connect("robots"), self.hub.connect("ears")
-        self.collector = Collector(self.hub.connect("datacenter"), scenario, RUN, ARM)
+        listener = Listener(self.hub.connect("datacenter"), scenario.bus.resend_after_s)
+        self.collector = Collector(listener, scenario, RUN, ARM)
         self.collector.join(collected)
 
     def send(self, agent: int, payload: bytes) -> None:

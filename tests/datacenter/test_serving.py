@@ -11,6 +11,7 @@ import pytest
 from common import topics
 from common.bus import MemoryHub
 from common.errors import PayloadError
+from common.listener import Listener
 from common.payloads import (
     ModelHeader,
     MotionHeader,
@@ -49,7 +50,8 @@ class Table:
         self.hub = MemoryHub()
         self.robots, self.ears = self.hub.connect("robots"), self.hub.connect("ears")
         self.server = ParameterServer(scenario)
-        self.desk = ClusterDesk(self.hub.connect("datacenter"), scenario, RUN, "fedavg", self.server, DONE)
+        listener = Listener(self.hub.connect("datacenter"), scenario.bus.resend_after_s)
+        self.desk = ClusterDesk(listener, scenario, RUN, "fedavg", self.server, DONE)
         self.desk.listen()
 
     def send(self, sender: int, round_: int, value: float = 0.0, **fields: object) -> None:
@@ -92,6 +94,7 @@ def test_the_cluster_gets_its_average_with_all_that_is_known_of_rewards(table: T
     turn = table.turn()
     payload, gradients = table.server.model(turn)
     table.desk.answer(turn, payload)
+    table.desk.send(turn.task)
     message = table.ears.receive(DEADLINE_S)
     assert message is not None
     average, header = decode_model(message.payload, table.shapes)

@@ -82,9 +82,14 @@ def test_what_cannot_be_used_is_said_in_one_line_and_nothing_is_written(
 
 @pytest.mark.parametrize(
     "arguments",
-    [["walk"], ["run"], ["run", str(TOY), "--speed", "9"], ["run", str(TOY), "--seed", "one"], ["record", str(TOY)]],
+    [
+        ["walk"], ["run"], ["run", str(TOY), "--speed", "9"], ["run", str(TOY), "--seed", "one"], ["record", str(TOY)],
+        ["run", str(TOY), "--restarts", "-1"], ["run", str(TOY), "--resume", "r"],
+        ["run", "--resume", "r", "--seed", "1"],
+        ["chaos"], ["chaos", str(TOY), "--faults", "0"], ["chaos", str(TOY), "--kind", "rain"],
+    ],
     ids=" ".join,
-)
+)  # fmt: skip
 def test_wrong_options_have_exit_code_2(
     arguments: list[str], jouleswarm: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,7 +99,7 @@ def test_wrong_options_have_exit_code_2(
     assert "Error: " in err
 
 
-@pytest.mark.parametrize("command", ["run", "record", "report", "audit"])
+@pytest.mark.parametrize("command", ["run", "record", "report", "chaos", "audit"])
 def test_every_command_explains_itself(command: str, jouleswarm: Call) -> None:
     code, out, _ = jouleswarm(command, "--help")
     assert code == 0
@@ -104,6 +109,23 @@ def test_every_command_explains_itself(command: str, jouleswarm: Call) -> None:
 def test_a_password_in_a_url_is_not_repeated(jouleswarm: Call, tmp_path: Path) -> None:
     _, _, err = jouleswarm("run", str(TOY), "--broker", "amqp://me:secret@host", "--out", str(tmp_path / "out"))
     assert "secret" not in err
+
+
+def test_a_run_that_is_complete_is_not_gone_on_with(jouleswarm: Call, write_run: Callable[..., Path]) -> None:
+    path = write_run()
+    before = {each: each.read_bytes() for each in path.rglob("*") if each.is_file()}
+    code, _, err = jouleswarm("run", "--resume", str(path))
+    assert code == 2
+    (line,) = err.splitlines()
+    assert "has no state/, so it is complete, or was recorded only; see its report" in line
+    assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
+
+
+def test_what_is_no_run_is_not_gone_on_with(jouleswarm: Call, tmp_path: Path) -> None:
+    code, _, err = jouleswarm("run", "--resume", str(tmp_path))
+    assert code == 2
+    (line,) = err.splitlines()
+    assert "manifest.json: cannot be read" in line
 
 
 def test_a_report_of_what_is_not_there_is_refused(jouleswarm: Call, tmp_path: Path) -> None:

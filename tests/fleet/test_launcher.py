@@ -9,7 +9,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from common import topics
+from common.counters import read_counters
 from common.errors import RunError
+from common.mqtt import MqttBus
 from fleet.launcher import Launcher
 
 ROOT = Path(__file__).parents[2]
@@ -56,18 +59,74 @@ def test_a_broker_that_died_is_noticed(tmp_path: Path) -> None:
     with Launcher(tmp_path / "logs") as launcher:
         launcher.start_broker(["--no-metrics"])
         os.kill(launcher.pids["broker"], signal.SIGKILL)
-        with pytest.raises(RunError, match="the broker ended with code -9"):
+        with pytest.raises(RunError, match="broker ended with code -9"):
             check_until_something_ended(launcher)
 
 
 def test_a_process_that_ended_with_an_error_is_noticed_with_its_last_words(tmp_path: Path) -> None:
-    with Launcher(tmp_path / "logs") as launcher:
+    with Launcher(tmp_path / "logs", restarts=5) as launcher:  # an exit code is no signal: not started again
         launcher.start("agent-9", "agents", ["--id", "9", "--scenario", TOY])
         assert ended(launcher.pids["agent-9"])
         # The kernel forgets the process a moment before its exit code has come from the fork server.
         with pytest.raises(RunError, match=r"agent-9 ended with code 2: robot 9: robot 9 is not in the scenario"):
             check_until_something_ended(launcher)
     assert "robot 9 is not in the scenario" in (tmp_path / "logs" / "agent-9.log").read_text()
+
+
+def kill(launcher: Launcher, name: str) -> int:
+    os.kill(launcher.pids[name], signal.SIGKILL)
+    return launcher.pids[name]
+
+
+def check_until_another_runs(launcher: Launcher, name: str, before: int) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while launcher.pids[name] == before:
+        assert time.monotonic() < deadline_s
+        launcher.check()
+        time.sleep(0.01)
+
+
+def test_a_broker_that_was_killed_comes_back_where_it_was_as_often_as_is_allowed(tmp_path: Path) -> None:
+    told: list[str] = []
+    with Launcher(tmp_path / "logs", restarts=2, told=told.append) as launcher:
+        url = launcher.start_broker(["--state", str(tmp_path / "state")])["url"]
+        bus = MqttBus.connect(url, "agent-1", connect_timeout_s=DEADLINE_S)
+        for round_ in (1, 2):
+            check_until_another_runs(launcher, "broker", kill(launcher, "broker"))
+            bus.publish(topics.weights("r", "fl", 1, 1), b"12345")
+            bus.flush()  # it is there again, at the same address
+            assert read_counters(tmp_path / "state")["agent-1", topics.weights("r", "fl", 1, 1), "in"][0] >= round_
+        bus.close()
+        os.kill(launcher.pids["broker"], signal.SIGKILL)
+        with pytest.raises(RunError, match="broker ended with code -9"):
+            check_until_something_ended(launcher)
+    assert told == ["broker was ended by SIGKILL; starting it again"] * 2
+
+
+def test_a_process_that_is_held_is_not_started_again_before_its_time(tmp_path: Path) -> None:
+    with Launcher(tmp_path / "logs", restarts=1) as launcher:
+        launcher.start_broker(["--no-metrics"])
+        launcher.hold("broker", 3600)
+        before = kill(launcher, "broker")
+        assert launcher._broker is not None
+        launcher._broker.wait(DEADLINE_S)
+        launcher.check()
+        assert launcher.pids["broker"] == before
+        launcher.hold("broker", 0)
+        check_until_another_runs(launcher, "broker", before)
+
+
+def test_a_robot_that_was_killed_is_started_again_as_often_as_is_allowed(tmp_path: Path) -> None:
+    told: list[str] = []
+    options = ["--scenario", TOY, "--broker", "mqtt://127.0.0.1:1", "--set", "bus.connect_timeout_s=600"]
+    with Launcher(tmp_path / "logs", restarts=2, told=told.append) as launcher:
+        launcher.start("agent-1", "agents", ["--id", "1", *options])
+        for _ in range(2):
+            check_until_another_runs(launcher, "agent-1", kill(launcher, "agent-1"))
+        os.kill(launcher.pids["agent-1"], signal.SIGKILL)
+        with pytest.raises(RunError, match="agent-1 ended with code -9"):
+            check_until_something_ended(launcher)
+    assert told == ["agent-1 was ended by SIGKILL; starting it again"] * 2
 
 
 def test_processes_are_ended_when_the_launcher_is_left_by_an_error(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from common import topics
 from common.bus import MemoryBus, MemoryHub
 from common.errors import RunError
 from common.meter import Meter
-from common.payloads import ModelHeader, Presence, encode_json, encode_model
+from common.payloads import Acknowledgement, ModelHeader, Presence, decode_json, encode_json, encode_model
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
@@ -42,31 +42,51 @@ def scenario() -> Scenario:
     )  # fmt: skip
 
 
+def made(agent: int, round_: int, **fields: Any) -> RoundRow:
+    return RoundRow.model_validate(
+        {"phase": "fl", "arm": "maml", "task": 1, "agent": agent, "round": round_, "seconds": 0.5} | fields
+    )
+
+
 class Table:
     def __init__(self, scenario: Scenario, path: Path) -> None:
         self.hub = MemoryHub()
         self.path = path
-        self.recorder = Recorder(self.hub.connect("recorder"), scenario, RUN, RunDirectory(path))
+        self.bus = self.hub.connect("recorder")
+        self.recorder = Recorder(self.bus, scenario, RUN, RunDirectory(path))
         self.others = self.hub.connect("others")
+        self.ears: dict[str, MemoryBus] = {}
 
     def row(self, agent: int, round_: int, client: str = "", **fields: Any) -> None:
-        row = RoundRow.model_validate(
-            {"phase": "fl", "arm": "maml", "task": 1, "agent": agent, "round": round_, "seconds": 0.5} | fields
-        )
+        row = made(agent, round_, **fields)
         received = {"uplink": 0, "downlink": 10, "sidelink": 100 * round_, "control": 1}
         telemetry = Telemetry(row=row, received=received)
         self.others.publish(topics.telemetry(RUN, "maml", client or f"agent-{agent}"), encode_json(telemetry))
 
-    def report(self, client: str, meter: Meter | None = None) -> None:
+    def report(self, client: str, meter: Meter | None = None, rounds: Sequence[RoundRow] = ()) -> None:
         rows = meter.rows() if meter else []
-        self.others.publish(topics.meter_report(RUN, client), encode_json(MeterReport(client=client, rows=rows)))
+        report = MeterReport(client=client, rows=rows, rounds=list(rounds))
+        self.others.publish(topics.meter_report(RUN, client), encode_json(report))
+
+    def acknowledged(self, client: str) -> list[str]:
+        """The topics that the recorder has acknowledged to a client since it was first asked."""
+        if client not in self.ears:
+            self.ears[client] = self.hub.connect(f"ears of {client}")
+            self.ears[client].subscribe(topics.acknowledgement(RUN, client))
+        self.pump()
+        said = []
+        while message := self.ears[client].receive(0):
+            said.append(decode_json(message.payload, Acknowledgement).topic)
+        return said
 
     def present(self, agent: int, state: str) -> None:
         presence = Presence.model_validate({"agent": agent, "state": state})
         self.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
 
     def pump(self) -> None:
-        self.recorder.pump(0.05)  # a busy machine takes its time
+        self.recorder.pump(0.05)
+        while not self.bus._inbox.empty():  # a busy machine takes its time
+            self.recorder.pump(0.05)
 
     def json(self, name: str) -> Any:
         return json.loads((self.path / name).read_text())
@@ -101,6 +121,56 @@ def test_rows_are_written_as_they_come_and_the_newest_is_known(table: Table) -> 
     assert [(row["agent"], row["round"]) for row in table.lines("rounds.jsonl")] == [(2, 1), (1, 1), (2, 2), (1, 2)]
     assert table.recorder.newest["maml", 1, 2].round == 2
     assert [row.agent for row in table.recorder.rows] == [2, 1, 2, 1]
+
+
+def test_a_row_that_is_told_twice_is_written_once(table: Table) -> None:
+    for reward in (1.0, 2.0):  # by a robot that was killed in between, and has done the round again
+        table.row(1, 1, reward=reward)
+    table.row(1, 2)
+    table.pump()
+    assert [(row["round"], row["reward"]) for row in table.lines("rounds.jsonl")] == [(1, 1.0), (2, None)]
+
+
+def test_rows_that_never_came_are_in_the_final_report(table: Table) -> None:
+    table.row(1, 2)
+    table.report("agent-1", rounds=[made(1, 1), made(1, 2), made(1, 3)])
+    table.pump()
+    assert [row["round"] for row in table.lines("rounds.jsonl")] == [2, 1, 3]
+    table.recorder.close("complete")
+    assert [row["round"] for row in table.lines("rounds.jsonl")] == [1, 2, 3]
+
+
+def test_what_must_not_be_missed_is_acknowledged_once_it_is_written_down(table: Table) -> None:
+    assert [table.acknowledged(client) for client in CLIENTS] == [[], [], []]
+    learned = encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=1, agent=1, round=1))
+    meta = encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=0, agent=0, round=1))
+    table.others.publish(topics.learned(RUN, "fl", 1), learned)
+    table.others.publish(topics.snapshot(RUN, "maml", 1), meta)
+    table.report("agent-2")
+    assert table.acknowledged("agent-1") == [topics.learned(RUN, "fl", 1)]  # the cluster's first robot hands it in
+    assert table.acknowledged("agent-2") == [topics.meter_report(RUN, "agent-2")]
+    assert table.acknowledged("datacenter") == [topics.snapshot(RUN, "maml", 1)]
+    table.report("agent-2")  # the acknowledgement was lost
+    assert table.acknowledged("agent-2") == [topics.meter_report(RUN, "agent-2")]
+
+
+def test_what_cannot_be_read_is_not_acknowledged(table: Table) -> None:
+    assert table.acknowledged("agent-1") == []
+    table.others.publish(topics.learned(RUN, "fl", 1), b"garbage")
+    table.others.publish(topics.meter_report(RUN, "agent-1"), b"garbage")
+    assert table.acknowledged("agent-1") == []
+
+
+def test_a_recorder_says_that_it_is_there_and_when_it_is_not_any_more(table: Table) -> None:
+    early = table.hub.connect("early")
+    early.subscribe(topics.recorder(RUN))
+    message = early.receive(0)
+    assert message is not None
+    assert decode_json(message.payload, Presence).state == "here"
+    table.recorder.close("complete")
+    late = table.hub.connect("late")
+    late.subscribe(topics.recorder(RUN))
+    assert late.receive(0.001) is None
 
 
 def test_bytes_so_far_are_the_newest_of_each_client(table: Table) -> None:

@@ -10,8 +10,10 @@ from rich.console import Console
 
 from common.energy import TABLE_I
 from common.errors import ConfigurationError, RunError
+from common.meter import Meter
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
 from common.settings import Energy
+from common.topics import weights
 from fleet.prices import Prices, reprice
 from fleet.report import load_run, print_report, report
 from fleet.report_columns import closed_bill, columns, control_j, measured_parts
@@ -55,6 +57,20 @@ def test_an_interrupted_run_is_read_as_far_as_it_got(interrupted, facts) -> None
     run = load_run(interrupted)
     assert (run.status, run.cut, run.meter_rows) == ("interrupted", [ROUNDS], [])
     assert len(run.rows) == len(facts.rows)
+
+
+def test_a_run_that_was_killed_has_the_counters_that_its_processes_have_kept(interrupted, facts) -> None:
+    state, topic = interrupted / "state", weights("made-up", "fl", 1, 1)
+    Meter("broker", state / "broker").count("agent-2", topic, "out", 5000, 5040)
+    Meter("broker", state / "broker").count("agent-2", weights("another", "fl", 1, 1), "out", 5000, 5040)
+    for client, direction in (("agent-1", "out"), ("agent-2", "in")):
+        Meter("client", state / client).count(client, topic, direction, 5000, 5040)
+    (state / "agent-3").mkdir()  # killed before it had counted anything
+    told = [(row.side, row.client, row.direction, row.packet_bytes) for row in load_run(interrupted).meter_rows]
+    assert told == [
+        ("broker", "agent-2", "out", 5040), ("client", "agent-1", "out", 5040), ("client", "agent-2", "in", 5040)
+    ]  # fmt: skip
+    assert "No byte counters were written" not in printed(interrupted)
 
 
 def test_an_interrupted_run_prints_what_is_known(interrupted) -> None:

@@ -48,6 +48,23 @@ def test_what_the_broker_delivered_is_what_clients_received_topic_by_topic(any_r
     assert counts(any_run, "client", "in") == delivered
 
 
+def test_what_was_delivered_at_qos_1_was_acknowledged_topic_by_topic(toy_run: Any, small_run: Any) -> None:
+    for run in (toy_run, small_run):
+        acknowledged = counts(run, "broker", "acked")
+        assert acknowledged
+        assert acknowledged == counts(run, "broker", "out")
+
+
+def test_at_qos_0_only_control_is_acknowledged(qos_0_run: Any) -> None:
+    delivered = counts(qos_0_run, "broker", "out")
+    control = {key: count for key, count in delivered.items() if key[0].split("/")[3] in ("ctl", "tlm")}
+    assert counts(qos_0_run, "broker", "acked") == control
+
+
+def test_where_nothing_fails_nothing_is_sent_twice(any_run: Any) -> None:
+    assert counts(any_run, "client", "repeated") == {}
+
+
 def test_qos_costs_two_bytes_a_message_each_way_and_changes_nothing_else(small_run: Any, qos_0_run: Any) -> None:
     assert qos_0_run.figures == small_run.figures
     for direction in ("in", "out"):

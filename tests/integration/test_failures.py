@@ -63,6 +63,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_run(
     assert "Traceback" not in run.printed
 
     assert read_run(tmp_path / "r").summary["status"] == "interrupted"
+    assert (tmp_path / "r" / "state").is_dir()  # what it is gone on with from
     report = start.jouleswarm("report", str(tmp_path / "r"))
     assert report.ends() == 0, report.printed
     assert "interrupted" in report.printed
@@ -76,10 +77,11 @@ def test_a_launcher_that_is_killed_takes_its_processes_along(start: Any, eventua
     eventually(lambda: not marked(str(tmp_path)), "the end of all", within_s=20)
 
 
-def test_a_process_that_is_killed_ends_the_run_with_its_name(
+def test_a_process_that_is_killed_and_may_not_be_started_again_ends_the_run_with_its_name(
     start: Any, eventually: Any, read_run: Any, tmp_path: Path
 ) -> None:
-    run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets((*LONG, "methods=['fl']")))
+    options = ["--out", str(tmp_path), "--run-id", "r", "--restarts", "0", *sets((*LONG, "methods=['fl']"))]
+    run = start.jouleswarm("run", TOY, *options)
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")
     family = run.family
     (fork_server,) = (
@@ -96,9 +98,11 @@ def test_a_process_that_is_killed_ends_the_run_with_its_name(
     assert read_run(tmp_path / "r").summary["status"] == "failed"
 
 
-def test_a_broker_that_dies_ends_the_run_and_says_so(start: Any, eventually: Any, tmp_path: Path) -> None:
+def test_a_broker_that_dies_and_may_not_be_started_again_ends_the_run_and_says_so(
+    start: Any, eventually: Any, tmp_path: Path
+) -> None:
     run = start.jouleswarm(
-        "run", TOY, "--out", str(tmp_path), "--run-id", "r",
+        "run", TOY, "--out", str(tmp_path), "--run-id", "r", "--restarts", "0",
         *sets((*LONG, "methods=['fl']", "bus.connect_timeout_s=1")),
     )  # fmt: skip
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")

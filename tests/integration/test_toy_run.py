@@ -145,6 +145,12 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
 
 
+def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
+    names = {path.name for path in toy_run.path.iterdir()}
+    files = {"manifest.json", "rounds.jsonl", "meter.jsonl", "progress.jsonl", "summary.json", "report.html"}
+    assert names == files | {"weights", "figures", "logs"}
+
+
 def test_progress_only_grows(toy_run: Any) -> None:
     rows = toy_run.lines("progress.jsonl")
     assert rows

@@ -1,0 +1,187 @@
+"""What learns and encodes is written to a file, read into a new object, and goes on bit by bit the same."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.codecs import WeightsCodec
+from common.errors import RunError
+from common.learner import Learner, Policy
+from common.payloads import ModelHeader, encode_model
+from common.qnetwork import build_qnetwork, shapes_of, to_weights
+from common.replay import Replay
+from common.rewards import RewardLedger
+from common.settings import Learning, Network
+from common.state import State, StateFile, Stateful
+from common.streams import WeightsDecoder, WeightsEncoder
+
+NETWORK = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
+CODECS = [WeightsCodec("float32"), WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.1)]
+Weights = dict[str, Any]
+
+
+def through_a_file(ours: Stateful, theirs: Any, folder: Path) -> None:
+    """Bring `theirs` to where `ours` is."""
+    file = StateFile(folder / "s.safetensors", "o")
+    file.save(ours.state())
+    state = file.load()
+    assert state is not None
+    theirs.load_state(state)
+
+
+def start(seed: int = 1) -> Weights:
+    return to_weights(build_qnetwork(NETWORK, seed))
+
+
+def one_round(learner: Learner, rng: np.random.Generator) -> None:
+    for _ in range(5):
+        learner.replay.observe(rng.integers(0, 256, (12, 16, 4), dtype=np.uint8), first=bool(rng.random() < 0.3))
+        learner.replay.act(int(rng.integers(4)), float(rng.normal()), terminated=bool(rng.random() < 0.2))
+    learner.learn(4)
+
+
+def assert_same(ours: State, theirs: State) -> None:
+    assert ours.values == theirs.values
+    assert ours.arrays.keys() == theirs.arrays.keys()
+    assert all(np.array_equal(array, theirs.arrays[name]) for name, array in ours.arrays.items())
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "sgd"])
+@pytest.mark.parametrize("double", [True, False])
+def test_a_learner_goes_on_bit_by_bit(optimizer: str, double: bool, tmp_path: Path) -> None:
+    settings = Learning.model_validate(
+        {"optimizer": optimizer, "lr": 1e-2, "batch_size": 4, "replay_size": 12, "double": double, "target_every": 3}
+    )
+
+    def learner(seed: int, file: Path) -> Learner:
+        return Learner(NETWORK, settings, start(seed), np.random.default_rng(seed), file)
+
+    undisturbed = learner(1, tmp_path / "a.bin")
+    for round_ in range(3):  # 15 frames: the ring of 12 is full
+        one_round(undisturbed, np.random.default_rng(round_))
+    shutil.copy(tmp_path / "a.bin", tmp_path / "b.bin")
+    back = learner(2, tmp_path / "b.bin")
+    through_a_file(undisturbed, back, tmp_path)
+    for round_ in range(3, 6):
+        for each in (undisturbed, back):
+            one_round(each, np.random.default_rng(round_))
+        assert_same(back.state(), undisturbed.state())
+    assert back.steps == 24
+
+
+def test_a_learner_that_has_not_learned_yet_goes_on_too(tmp_path: Path) -> None:
+    settings = Learning(batch_size=4, replay_size=12)
+    undisturbed = Learner(NETWORK, settings, start(1), np.random.default_rng(1), tmp_path / "a.bin")
+    back = Learner(NETWORK, settings, start(2), np.random.default_rng(2), tmp_path / "b.bin")
+    through_a_file(undisturbed, back, tmp_path)
+    for each in (undisturbed, back):
+        one_round(each, np.random.default_rng(0))
+    assert_same(back.state(), undisturbed.state())
+
+
+def test_a_policy_goes_on(tmp_path: Path) -> None:
+    ours, theirs = Policy(NETWORK, start(1)), Policy(NETWORK, start(2))
+    through_a_file(ours, theirs, tmp_path)
+    assert_same(theirs.state(), ours.state())
+
+
+def frame(value: int) -> Any:
+    return np.full((1, 1, 4), value, np.uint8)
+
+
+def test_a_replay_memory_goes_on_from_its_state_and_its_frames_in_a_file(tmp_path: Path) -> None:
+    ours = Replay(3, 1, 1, tmp_path / "deep" / "frames.bin")
+    for value in (10, 20, 30, 40):  # 40 takes the place of 10
+        ours.observe(frame(value), first=False)
+        ours.act(value % 4, float(value), terminated=False)
+    state = ours.state()
+    theirs = Replay(3, 1, 1, tmp_path / "deep" / "frames.bin")
+    theirs.load_state(state)
+    theirs.observe(frame(50), first=False)  # the ring is now 40, 50, 30
+    batch = theirs.sample(100, np.random.default_rng(1))
+    assert set(zip(batch.frames[:, 0, 0, 0].tolist(), batch.rewards.tolist(), strict=True)) == {(30, 30.0), (40, 40.0)}
+    assert set(batch.next_frames[:, 0, 0, 0].tolist()) == {40, 50}
+
+
+def test_a_round_that_is_done_again_finds_the_replay_memory_as_it_was(tmp_path: Path) -> None:
+    killed = Replay(3, 1, 1, tmp_path / "frames.bin")
+    for value in (10, 20, 30):
+        killed.observe(frame(value), first=False)
+        killed.act(0, float(value), terminated=False)
+    killed.observe(frame(40), first=False)
+    state = StateFile(tmp_path / "s", "o")
+    state.save(killed.state())
+    for value in (50, 60):  # a part of the next round, after the state
+        killed.act(0, 0.0, terminated=False)
+        killed.observe(frame(value), first=False)
+    back, saved = Replay(3, 1, 1, tmp_path / "frames.bin"), state.load()
+    assert saved is not None
+    back.load_state(saved)
+    back.act(1, 1.0, terminated=False)
+    for value in (50, 60):
+        back.observe(frame(value), first=False)
+        back.act(1, 1.0, terminated=False)
+    back.observe(frame(70), first=False)  # the ring is now 70, 50, 60
+    batch = back.sample(100, np.random.default_rng(1))
+    pairs = set(zip(batch.frames[:, 0, 0, 0].tolist(), batch.next_frames[:, 0, 0, 0].tolist(), strict=True))
+    assert pairs == {(50, 60), (60, 70)}
+
+
+def test_frames_that_have_gone_are_told_and_not_taken_for_black_ones(tmp_path: Path) -> None:
+    ours = Replay(3, 1, 1, tmp_path / "frames.bin")
+    ours.observe(frame(10), first=True)
+    state = ours.state()
+    (tmp_path / "frames.bin").unlink()
+    with pytest.raises(RunError, match=r"frames\.bin: the frames of a replay memory are missing"):
+        Replay(3, 1, 1, tmp_path / "frames.bin").load_state(state)
+
+
+def test_a_reward_ledger_goes_on_with_exact_rewards(tmp_path: Path) -> None:
+    ours, theirs = (RewardLedger((1, 12), 2, window=3) for _ in range(2))
+    for round_, reward in enumerate((0.1, 1 / 3, -1e-300), start=1):
+        ours.record(1, round_, reward)
+        ours.merge({12: (round_, reward + 1)})
+    through_a_file(ours, theirs, tmp_path)
+    for ledger in (ours, theirs):
+        ledger.record(1, 4, 5.0)
+        ledger.merge({12: (4, 6.0)})
+    assert theirs.newest() == ours.newest() == {1: (4, 5.0), 12: (4, 6.0)}
+    assert theirs.cluster_reward(4) == ours.cluster_reward(4)  # of rounds 1 to 3
+    assert ours.cluster_reward(4) == pytest.approx((2 * (0.1 + 1 / 3) + 3) / 6)
+
+
+@pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
+def test_an_encoder_and_its_decoder_go_on_with_the_same_messages(codec: WeightsCodec, tmp_path: Path) -> None:
+    rng, model = np.random.default_rng(1), start()
+    shapes = shapes_of(build_qnetwork(NETWORK))
+    encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, shapes)
+
+    def moved(weights: Weights) -> Weights:
+        return {name: tensor + rng.normal(0, 0.1, tensor.shape).astype(np.float32) for name, tensor in weights.items()}
+
+    for _ in range(2):
+        model = moved(model)
+        decoder.decode(encoder.encode(model))
+    encoder_back, decoder_back = WeightsEncoder(codec), WeightsDecoder(codec, shapes)
+    through_a_file(encoder, encoder_back, tmp_path)
+    through_a_file(decoder, decoder_back, tmp_path)
+    header = ModelHeader(task=1, agent=1, round=3)
+    for _ in range(2):
+        model = moved(model)
+        ours, theirs = encoder.encode(model), encoder_back.encode(model)
+        assert encode_model(theirs, header) == encode_model(ours, header)
+        held, held_back = decoder.decode(ours), decoder_back.decode(theirs)
+        assert all(np.array_equal(held[name], held_back[name]) for name in shapes)
+
+
+@pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
+def test_an_encoder_that_has_said_nothing_yet_says_a_whole_model_first(codec: WeightsCodec, tmp_path: Path) -> None:
+    ours, theirs = WeightsEncoder(codec), WeightsEncoder(codec)
+    through_a_file(ours, theirs, tmp_path)
+    header = ModelHeader(task=1, agent=1, round=1)
+    assert theirs.payload(start(), header) == ours.payload(start(), header)

@@ -1,0 +1,165 @@
+"""What a process goes on from: exact, whole or not at all, and nobody else's."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from common.errors import RunError
+from common.state import State, StateFile, generator_state, load_generator, write_durably
+
+OWNER = "robot 1 of run r"
+
+
+def saved_and_loaded(state: State, folder: Path) -> State:
+    StateFile(folder / "s.safetensors", OWNER).save(state)
+    found = StateFile(folder / "s.safetensors", OWNER).load()
+    assert found is not None
+    return found
+
+
+def assert_same(ours: State, theirs: State) -> None:
+    assert ours.values == theirs.values
+    assert list(ours.arrays) == list(theirs.arrays)  # codecs lay tensors end to end in this order
+    for name, array in ours.arrays.items():
+        other = theirs.arrays[name]
+        assert (array.shape, array.dtype) == (other.shape, other.dtype)
+        assert array.tobytes() == other.tobytes()
+
+
+def test_parts_are_put_together_and_taken_out_again() -> None:
+    parts = {
+        "a": State({"x": np.arange(3), "deep/y": np.ones(2)}, {"n": 1}),
+        "a2": State({"x": np.zeros(1)}),  # its name begins as the other's
+        "empty": State(),
+    }
+    whole = State.of(parts)
+    assert sorted(whole.arrays) == ["a/deep/y", "a/x", "a2/x"]
+    assert whole.values == {"a": {"n": 1}, "a2": {}, "empty": {}}
+    for name, part in parts.items():
+        assert_same(whole.part(name), part)
+
+
+def test_parts_may_have_parts(tmp_path: Path) -> None:
+    inner = State.of({"b": State({"x": np.arange(2)}, {"n": 1}), "c": State()})
+    found = saved_and_loaded(State.of({"a": inner, "d": State()}), tmp_path)
+    assert_same(found.part("a").part("b"), State({"x": np.arange(2)}, {"n": 1}))
+    assert_same(found.part("a").part("c"), State())
+
+
+def test_arrays_come_back_in_their_order(tmp_path: Path) -> None:
+    names = [f"{number}.weight" for number in (5, 0, 11, 2, 7)]
+    found = saved_and_loaded(State({name: np.ones(place + 1) for place, name in enumerate(names)}), tmp_path)
+    assert list(found.arrays) == names
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.array(3.5, np.float32),
+        np.array(7),
+        np.zeros((0, 4), np.float32),
+        np.arange(6, dtype=np.float32).reshape(2, 3).T,  # not in C order
+        np.arange(10, dtype=np.uint8)[::2],
+        np.array([True, False]),
+    ],
+    ids=["0-d float", "0-d int", "empty", "transposed", "strided", "bool"],
+)
+def test_an_array_comes_back_as_it_was(array: Any, tmp_path: Path) -> None:
+    assert_same(saved_and_loaded(State({"x": array}), tmp_path), State({"x": array}))
+
+
+any_array = arrays.arrays(
+    st.sampled_from([np.float32, np.float64, np.int64, np.uint8, np.bool_]), arrays.array_shapes(min_dims=0)
+)
+any_value = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    arrays=st.dictionaries(st.text("abc/é", min_size=1, max_size=5), any_array, max_size=3),
+    values=st.dictionaries(st.text(max_size=5), any_value, max_size=3),
+)
+def test_whatever_is_saved_is_loaded_bit_by_bit(
+    arrays: dict[str, Any], values: dict[str, Any], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    state = State(arrays, values)
+    assert_same(saved_and_loaded(state, tmp_path_factory.mktemp("state")), state)
+
+
+@given(value=st.floats(allow_nan=False))
+@settings(max_examples=30, deadline=None)
+def test_a_float_is_read_back_exactly(value: float, tmp_path_factory: pytest.TempPathFactory) -> None:
+    found = saved_and_loaded(State(values={"x": value}), tmp_path_factory.mktemp("state")).values["x"]
+    assert (found, math.copysign(1, found)) == (value, math.copysign(1, value))
+
+
+def test_without_a_file_there_is_no_state(tmp_path: Path) -> None:
+    file = StateFile(tmp_path / "deep" / "s.safetensors", OWNER)
+    assert file.load() is None
+    file.save(State(values={"n": 1}))
+    file.clear()
+    file.clear()
+    assert file.load() is None
+
+
+def test_another_owners_state_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "s.safetensors"
+    StateFile(path, OWNER).save(State(values={"n": 1}))
+    with pytest.raises(RunError, match=r"it is another scenario's, run's or process's.*name another folder") as caught:
+        StateFile(path, "robot 2 of run r").load()
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert StateFile(path, OWNER).load() == State(values={"n": 1})
+
+
+@pytest.mark.parametrize("damage", ["cut off", "empty", "garbage", "no metadata"])
+def test_a_damaged_file_is_refused(damage: str, tmp_path: Path) -> None:
+    path = tmp_path / "s.safetensors"
+    StateFile(path, OWNER).save(State({"x": np.arange(100)}))
+    whole = path.read_bytes()
+    header = b'{"x":{"dtype":"U8","shape":[1],"data_offsets":[0,1]}}'
+    bare = len(header).to_bytes(8, "little") + header + b"1"
+    path.write_bytes({"cut off": whole[:-1], "empty": b"", "garbage": b"?" * 100, "no metadata": bare}[damage])
+    with pytest.raises(RunError, match="does not fit this scenario"):
+        StateFile(path, OWNER).load()
+
+
+def test_what_a_kill_left_half_written_is_ignored_and_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "s.safetensors"
+    StateFile(path, OWNER).save(State(values={"round": 1}))
+    half = path.with_name("s.safetensors.part")
+    half.write_bytes(b"half a sta")
+    file = StateFile(path, OWNER)
+    assert file.load() == State(values={"round": 1})
+    file.save(State(values={"round": 2}))
+    assert file.load() == State(values={"round": 2})
+    assert not half.exists()
+
+
+def test_a_file_that_cannot_be_replaced_stays_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    write_durably(path, b"old")
+    path.with_name("s.part").mkdir()
+    with pytest.raises(RunError, match=f"cannot write {path}: "):
+        write_durably(path, b"new")
+    assert path.read_bytes() == b"old"
+
+
+def test_a_random_generator_goes_on_where_another_was(tmp_path: Path) -> None:
+    rng, other = np.random.default_rng(1), np.random.default_rng(2)
+    rng.integers(3, size=5, dtype=np.uint8)  # leaves half a draw in its buffer
+    load_generator(other, saved_and_loaded(State(values={"rng": generator_state(rng)}), tmp_path).values["rng"])
+    assert other.integers(3, size=50, dtype=np.uint8).tolist() == rng.integers(3, size=50, dtype=np.uint8).tolist()
+    assert other.random(5).tolist() == rng.random(5).tolist()

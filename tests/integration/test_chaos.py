@@ -1,0 +1,170 @@
+"""Processes are killed, and the run comes to the same end: the same rounds, bit-identical weights."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from rich.console import Console
+
+from common import topics
+from common.bus import Message
+from common.mqtt import MqttBus
+from common.payloads import Presence, decode_json
+from common.scenario import load_scenario
+from fleet.chaos import outcome
+from fleet.launcher import Launcher
+from fleet.recorder import Recorder
+from fleet.run import run_deployment
+
+ROOT = Path(__file__).parents[2]
+TOY = str(ROOT / "scenarios" / "toy.toml")
+DEADLINE_S = 170.0  # a busy machine takes its time
+# Long enough that a run is still under way when its first row of a phase has been seen.
+LONGER = (
+    "federation.max_rounds=12", "federation.target_reward=1000", "meta.t0=8", "learning.motions_per_round=6",
+    "learning.batches_per_round=4", "bus.resend_after_s=3",
+)  # fmt: skip
+
+pytestmark = pytest.mark.timeout(600)
+
+
+def sets(overrides: tuple[str, ...]) -> list[str]:
+    return [part for each in overrides for part in ("--set", each)]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(run_toy: Any) -> Any:
+    return outcome(run_toy("longer", *LONGER).path)
+
+
+def has_row(path: Path, phase: str) -> bool:
+    rounds = path / "rounds.jsonl"
+    return rounds.exists() and f'"phase":"{phase}"' in rounds.read_text()
+
+
+def marked(mark: str) -> list[psutil.Process]:
+    """Everything alive that was started with TEST_MARK=mark, the launcher first."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.environ().get("TEST_MARK") == mark and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return sorted(found, key=lambda each: each.create_time())
+
+
+@pytest.mark.parametrize("phase", ["maml", "fl"])
+def test_a_run_of_which_everything_was_killed_is_gone_on_with_to_the_same_end(
+    phase: str, undisturbed: Any, start: Any, eventually: Any, read_run: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "r"
+    run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets(LONGER), TEST_MARK=str(path))
+    eventually(lambda: has_row(path, phase), f"a row of {phase}")
+    for process in marked(str(path)):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            process.kill()
+    assert run.ends(DEADLINE_S) == -signal.SIGKILL
+    eventually(lambda: not marked(str(path)), "the end of all")
+    assert not (path / "summary.json").exists()
+    report = start.jouleswarm("report", str(path))
+    assert report.ends(DEADLINE_S) == 0, report.printed
+    assert "interrupted" in report.printed
+
+    resumed = start.jouleswarm("run", "--resume", str(path), "--no-figures")
+    assert resumed.ends(DEADLINE_S) == 0, resumed.printed
+    assert outcome(path) == undisturbed
+    assert not (path / "state").exists()
+    done = read_run(path)
+    assert done.summary["status"] == "complete"
+    assert len(done.manifest["resumed"]) == 1
+
+
+class Killer:
+    """An intruder who kills some processes, each when the federated phase has come to its second round."""
+
+    def __init__(self, *names: str) -> None:
+        self.names, self.left = names, list(names)
+
+    @contextlib.contextmanager
+    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
+        self.launcher, self.recorder = launcher, recorder
+        yield url
+
+    def tick(self) -> None:
+        if self.left and any(row.phase == "fl" and row.round == 2 for row in self.recorder.rows):
+            os.kill(self.launcher.pids[self.left.pop()], signal.SIGKILL)
+
+
+def deploy(out: Path, killer: Killer, *overrides: str) -> Path:
+    scenario = load_scenario(TOY, overrides)
+    options = ["--scenario", TOY, *sets(overrides)]
+    return run_deployment(scenario, options, "r", out, None, Console(quiet=True), 5, killer)
+
+
+def counts(run: Any, side: str, direction: str) -> dict[tuple[str, str], int]:
+    """(client, topic) -> messages."""
+    return {
+        (row["client"], row["topic"]): row["messages"]
+        for row in run.lines("meter.jsonl")
+        if (row["side"], row["direction"]) == (side, direction)
+    }
+
+
+def test_robots_that_are_killed_come_back_to_the_same_end_and_no_byte_is_lost_from_the_books(
+    undisturbed: Any, read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    killer = Killer("agent-2", "agent-3")
+    path = deploy(tmp_path, killer, *LONGER)
+    assert killer.left == []
+    assert outcome(path) == undisturbed
+    run = read_run(path)
+    delivered, acknowledged = counts(run, "broker", "out"), counts(run, "broker", "acked")
+    received, repeated = counts(run, "client", "in"), counts(run, "client", "repeated")
+    for key, messages in delivered.items():
+        assert acknowledged.get(key, 0) <= received.get(key, 0) <= messages, key
+    assert received.keys() <= delivered.keys()
+    assert all(messages <= received[key] for key, messages in repeated.items())
+    # Only of the two that were killed can anything have been lost.
+    assert {key[0] for key, messages in delivered.items() if received.get(key, 0) < messages} <= set(killer.names)
+
+
+def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) -> None:
+    kinds = ("--kind", "robot killed", "--kind", "broker killed")
+    options = ("--faults", "6", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))
+    process = start.jouleswarm("chaos", TOY, *options, *kinds, *sets(LONGER))
+    assert process.ends(500) == 0, process.printed
+    assert "6 faults, 6 of them in runs with an identical end" in " ".join(process.printed.split())
+
+
+def heard(bus: MqttBus, topic: str) -> Message:
+    while message := bus.receive(DEADLINE_S):
+        if message.topic == topic and message.payload and decode_json(message.payload, Presence).state == "here":
+            return message
+    pytest.fail("not heard")
+
+
+def test_a_second_process_of_a_robot_or_the_data_center_is_refused_and_the_run_goes_on_to_the_same_end(
+    broker: str, by_hand: Any, onlooker: Any, small_run: Any
+) -> None:
+    hand = by_hand(broker)
+    ears = onlooker(broker, topics.presence(hand.name, "+", "+"))
+    recorder = hand.recorder()
+    center, *robots = hand.data_center(), hand.robot(1)
+    for task, agent in ((0, 0), (1, 1)):
+        heard(ears, topics.presence(hand.name, task, agent))
+        twin, name = (hand.robot(1), "robot 1") if agent else (hand.data_center(), "the data center")
+        assert twin.ends(DEADLINE_S) == 2, twin.printed
+        said = f"{name} of this run is another process already, which goes on"
+        assert said in twin.printed.splitlines()[-1]
+    robots += [hand.robot(agent) for agent in (2, 3, 4)]  # only now can the run come to its end
+    run = hand.run(recorder)
+    assert [process.ends() for process in (center, *robots)] == [0] * 5
+    assert run.weights == small_run.weights
+    assert run.figures == small_run.figures
