@@ -205,6 +205,8 @@ class Exchange:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
+        if presence.agent != int(message.topic.split("/")[5]):
+            raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
         if presence.state == "gone":
             log.warning(
                 "%s is gone; waiting for it to come back",

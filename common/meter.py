@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from common.topics import Link, arm_of, link_of, phase_of
 
@@ -29,9 +29,9 @@ class MeterRow(BaseModel):
     link: Link
     client: str
     direction: Direction
-    messages: int
-    payload_bytes: int
-    packet_bytes: int
+    messages: int = Field(ge=0)
+    payload_bytes: int = Field(ge=0)
+    packet_bytes: int = Field(ge=0)
 
     @classmethod
     def of(cls, side: Side, client: str, topic: str, direction: Direction, counts: Sequence[int]) -> Self:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from common import topics
 from common.bus import Bus
 from common.meter import MeterRow
-from common.payloads import encode_json
+from common.payloads import Count, encode_json
 from common.runlog import RoundRow
+from common.topics import Link
+
+MAX_REPORT_BYTES = 16 * 1024 * 1024
+"""Counters by topic: 200 to 300 bytes a row, so some 60 000 rows."""
 
 
 class Telemetry(BaseModel):
@@ -17,7 +21,7 @@ class Telemetry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     row: RoundRow
-    received: dict[str, int]
+    received: dict[Link, Count]
 
 
 class MeterReport(BaseModel):
@@ -25,13 +29,14 @@ class MeterReport(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    client: str
+    client: str = Field(max_length=100)
     rows: list[MeterRow]
 
 
 def publish_row(bus: Bus, run: str, row: RoundRow) -> None:
     """Send one row to the recorder."""
-    telemetry = Telemetry(row=row, received=bus.meter.totals("in"))
+    received = {Link(link): count for link, count in bus.meter.totals("in").items()}
+    telemetry = Telemetry(row=row, received=received)
     bus.publish(topics.telemetry(run, row.arm, bus.client), encode_json(telemetry))
 
 

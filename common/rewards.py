@@ -19,7 +19,11 @@ class RewardLedger:
 
     def record(self, agent: int, round_: int, reward: float) -> None:
         """A robot's greedy episode reward in a round."""
-        self._rewards[agent][round_] = reward
+        rounds = self._rewards[agent]
+        rounds[round_] = reward
+        # What no decision can ask for any more: a robot's own newest round is at most a diameter ahead of that.
+        for old in [each for each in rounds if each <= max(rounds) - self._window - self._diameter]:
+            del rounds[old]
 
     def merge(self, known: Mapping[int, tuple[int, float]]) -> None:
         """What a neighbour knows; robots of other clusters are left out."""
@@ -37,8 +41,15 @@ class RewardLedger:
         return sum(self._rewards[agent][each] for each in rounds) / len(rounds)
 
     def cluster_reward(self, round_: int) -> float | None:
-        """R of the cluster as known to all its robots once round `round_`'s payloads are in, or None yet."""
+        """R of the cluster as known to all its robots once round `round_`'s payloads are in, or None yet.
+
+        None too where a neighbour left out what it must know: no message can end the process.
+        """
         settled = round_ - (self._diameter - 1)
-        if settled < 1:
+        if settled < 1 or not self._knows(settled):
             return None
         return sum(self.running_reward(agent, settled) for agent in self._cluster) / len(self._cluster)
+
+    def _knows(self, round_: int) -> bool:
+        window = range(max(1, round_ - self._window + 1), round_ + 1)
+        return all(each in rounds for rounds in self._rewards.values() for each in window)

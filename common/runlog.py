@@ -34,7 +34,7 @@ MANIFEST, ROUNDS, METER, PROGRESS, SUMMARY = (
 class RoundRow(BaseModel):
     """One robot's round (or, agent 0, one training task of the data center's MAML round)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     phase: Literal["maml", "fl"]
     """maml: the meta-learning stage in the data center, by whatever method. fl: everything else."""

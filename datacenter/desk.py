@@ -54,6 +54,8 @@ class Desk:
         """
         if message.topic.endswith("/presence") and message.payload:
             presence = decode_json(message.payload, Presence)
+            if presence.agent != int(message.topic.split("/")[5]):
+                raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
             if presence.state == "gone":
                 log.warning("robot %d is gone; waiting for it to come back", presence.agent)
             elif presence.agent in self._stages:

@@ -12,10 +12,11 @@ from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow
 from common.payloads import Presence, check_model, decode_json
-from common.reports import MeterReport, Telemetry
+from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
 from common.snapshot import BrokerSnapshot
+from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
 from fleet.summary import summarise
 
 log = logging.getLogger("jouleswarm.recorder")
@@ -33,7 +34,8 @@ class Recorder:
         self._begun = time.monotonic()
         self._progress_at = 0.0
         self._reports: dict[str, list[MeterRow]] = {}
-        self._received: dict[str, dict[str, int]] = {}
+        self._received: dict[str, dict[topics.Link, int]] = {}
+        self.refused = 0
         self._broker_rows: list[MeterRow] = []
         self._asked, self._answered = "", False
         self._gone: dict[str, float] = {}
@@ -51,10 +53,7 @@ class Recorder:
     @property
     def waiting_for(self) -> list[str]:
         """Processes that have not handed in their counters yet."""
-        expected = [f"agent-{agent}" for agent in self._scenario.agents]
-        if self._scenario.needs_datacenter:
-            expected.append("datacenter")
-        return [client for client in expected if client not in self._reports]
+        return [client for client in self._expected() if client not in self._reports]
 
     @property
     def received_bytes(self) -> dict[str, int]:
@@ -85,6 +84,7 @@ class Recorder:
             try:
                 self._take(message)
             except PayloadError as error:
+                self.refused += 1
                 log.warning("refused a message on %s: %s", message.topic, error)
 
     def check(self) -> None:
@@ -120,7 +120,7 @@ class Recorder:
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
         if topic == topics.BROKER_METER:
-            snapshot = decode_json(message.payload, BrokerSnapshot, len(message.payload))
+            snapshot = decode_json(message.payload, BrokerSnapshot, MAX_REPORT_BYTES)
             if snapshot.asked is not None and snapshot.asked == self._asked:
                 self._answered = True
                 prefix = f"{topics.ROOT}/{self._run}/"
@@ -128,35 +128,41 @@ class Recorder:
         elif kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
+            name = learned_name(topics.arm_of(topic), topic.split("/")[4], self._scenario)
             check_model(message.payload)
-            self._directory.weights(f"{topics.arm_of(topic)}-task{topic.split('/')[4]}", message.payload)
+            self._directory.weights(name, message.payload)
         elif kind == "snapshot":
             self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":
             self._take_presence(message)
         else:
-            report = decode_json(message.payload, MeterReport, len(message.payload))
+            report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
+            check_report(report, kind, self._expected())
             self._reports[report.client] = report.rows
             self._gone.pop(report.client, None)
 
     def _take_snapshot(self, message: Message, round_: str) -> None:
-        if not round_.isdecimal():
-            raise PayloadError(f"meta-model of round {round_!r}, expected a number")
+        name = snapshot_name(topics.arm_of(message.topic), round_, self._scenario)
         check_model(message.payload)
-        method = topics.arm_of(message.topic)
-        self._directory.weights(f"{method}-meta-t{int(round_):04d}", message.payload)
+        self._directory.weights(name, message.payload)
+
+    def _expected(self) -> list[str]:
+        agents = [0] if self._scenario.needs_datacenter else []
+        return [client_of(agent) for agent in (*self._scenario.agents, *agents)]
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
-        client = f"agent-{presence.agent}" if presence.agent else "datacenter"
+        check_presence(presence, message.topic, self._scenario, self._run)
+        client = client_of(presence.agent)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
         else:
             self._gone.pop(client, None)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
+        check_row(telemetry, client, self._scenario)
         row = telemetry.row
         self._directory.round(row)
         self.newest[row.arm, row.task, row.agent] = row
