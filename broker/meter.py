@@ -30,6 +30,9 @@ class RowKey(NamedTuple):
     direction: Direction
 
 
+# New counters beyond this are not kept: a client that makes topics up must not fill the memory with them.
+MAX_ROWS = 100_000
+
 Counts = list[int]  # messages, payload bytes, packet bytes
 
 
@@ -97,6 +100,11 @@ class BrokerMeter:
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Counts, ...]:
         link, name = link_of(topic), name_of(client_id)
         if link is None:
+            return ()
+        if len(self._counters) >= 2 * MAX_ROWS:
+            self._counters = {}  # found again as they are needed; each incarnation of a client had its own
+        if len(self._rows) >= MAX_ROWS and RowKey(name, topic, direction) not in self._rows:
+            self.event("unmetered")
             return ()
         total = LinkKey(run_of(topic), arm_of(topic), link, direction, name)
         with self._lock:
