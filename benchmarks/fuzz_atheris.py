@@ -30,7 +30,7 @@ def main() -> None:
     import atheris
 
     with atheris.instrument_imports(include=["common"], enable_loader_override=False):
-        pass
+        from benchmarks.fuzz_targets import targets
     from benchmarks.fuzz_mutations import mutate
     from benchmarks.fuzz_payloads import Outcome, Tally, judge, keep, peak_bytes, show, silence_libraries
 

@@ -78,7 +78,6 @@ class RunDirectory:
         if path.exists() and any(path.iterdir()):
             raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
         self.path = path
-        self._rows: list[RoundRow] = []
         (path / "weights").mkdir(parents=True, exist_ok=True)
 
     def manifest(self, manifest: dict[str, Any]) -> None:
@@ -87,7 +86,6 @@ class RunDirectory:
 
     def round(self, row: RoundRow) -> None:
         """Append a row."""
-        self._rows.append(row)
         self._append(ROUNDS, row.model_dump_json(exclude_none=False))
 
     def progress(self, row: dict[str, Any]) -> None:
@@ -100,7 +98,7 @@ class RunDirectory:
 
     def summary(self, summary: dict[str, Any]) -> None:
         """Write the summary, and the rows in their final order."""
-        ordered = sorted(self._rows, key=RoundRow.sort_key)
+        ordered = sorted(self.rows, key=RoundRow.sort_key)
         self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
         self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
 
@@ -111,8 +109,12 @@ class RunDirectory:
 
     @property
     def rows(self) -> list[RoundRow]:
-        """Rows written so far, in order of arrival."""
-        return list(self._rows)
+        """Rows written so far, in order of arrival; read again, so that memory does not grow with the rounds."""
+        path = self.path / ROUNDS
+        if not path.exists():
+            return []
+        with path.open(encoding="utf-8") as file:
+            return [RoundRow.model_validate_json(line) for line in file]
 
     def _append(self, name: str, line: str) -> None:
         with (self.path / name).open("a", encoding="utf-8") as file:
