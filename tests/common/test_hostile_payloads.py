@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.fuzz_mutations import mutate
@@ -53,6 +53,7 @@ def test_what_is_valid_is_taken(target: Target) -> None:
 
 
 @by_name
+@settings(deadline=None)  # the first of each decoder loads and warms up
 @given(data=st.data())
 def test_a_payload_with_any_bytes_in_it_is_decoded_as_promised_or_refused(target: Target, data: st.DataObject) -> None:
     payload = bytearray(data.draw(st.sampled_from(target.seeds)))
