@@ -105,7 +105,8 @@ class Robot:
         rng = stream(scenario.seed, arm.name, "learn", self.agent)
         learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames)
         sharing = sharing_of(arm, self.exchange, scenario, len(here.neighbours))
-        ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window)
+        may_miss = settings.on_missing == "proceed"
+        ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window, may_miss=may_miss)
         self.explorer.begin(arm.name, here.cluster)
         kept: dict[str, Stateful] = {
             "learner": learner,

@@ -252,6 +252,8 @@ class Exchange:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
+        if presence.agent != int(message.topic.split("/")[5]):
+            raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
         if presence.agent == self.here.agent:
             self._identity.heard(presence)
         elif presence.state == "gone":

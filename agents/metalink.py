@@ -41,7 +41,7 @@ class MetaLink:
         def due() -> set[int]:
             wanted = self._wanted_of(method)
             rounds = set(range(wanted.first, min(wanted.last, t0) + 1)) - {0}
-            return (rounds - sent) | self._again.get(method, set())
+            return (rounds - sent) | (self._again.get(method, set()) & set(range(1, t0 + 1)))
 
         self._exchange.until(
             lambda: bool(due()) or self._wanted_of(method).first > t0,

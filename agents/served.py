@@ -24,6 +24,7 @@ class ServerLink:
         self._decoder = exchange.decoder()
         self._taken, self._is_back = 0, False
         self._episodes: dict[int, dict[int, float]] = {}
+        self._round = 0
         self._motions: tuple[int, list[bytes]] = (0, [])
         here = exchange.here
         run, arm, task = exchange.run, exchange.arm, here.task
@@ -51,6 +52,7 @@ class ServerLink:
     def await_model(self, round_: int) -> Model:
         """The cluster's model of `round_` from the data center."""
         here, run, arm = self._exchange.here, self._exchange.run, self._exchange.arm
+        self._round = round_
 
         def ask() -> None:
             request = encode_json(RoundRequest(first=round_, last=round_))
@@ -100,6 +102,7 @@ class ServerLink:
         tensors, header = self._exchange.read(message.payload)
         if header.task != self._exchange.here.task:
             raise PayloadError(f"model of task {header.task}, expected task {self._exchange.here.task}")
+        self._check_round(header.round)
         if header.round <= self._taken or header.round in self._models:
             self._exchange.repeated(message)
         else:
@@ -110,7 +113,13 @@ class ServerLink:
         if episode.agent != int(message.topic.split("/")[5]):
             raise PayloadError(f"episode of robot {episode.agent} on {message.topic}")
         if topics.arm_of(message.topic) == self._exchange.arm:
+            self._check_round(episode.round)
             self._episodes.setdefault(episode.round, {})[episode.agent] = episode.reward
+
+    def _check_round(self, round_: int) -> None:
+        # Nobody gets ahead of a robot that has not said its word, so that what is kept here stays bounded.
+        if round_ > self._round + 1:
+            raise PayloadError(f"round {round_}, expected at most {self._round + 1}")
 
     def _take_collect(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self._exchange.arm:  # another arm's data center asks

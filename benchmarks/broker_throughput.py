@@ -109,7 +109,7 @@ class Crew:
     def _gather(self) -> None:
         left = set(self._pipes)
         while left:
-            for pipe in wait(list(left), timeout=60) or exit_with("a client did not answer within 60 s"):
+            for pipe in wait(list(left), timeout=90) or exit_with("a client did not answer within 90 s"):
                 pipe.recv()
                 left.discard(pipe)
 

@@ -85,6 +85,30 @@ def main(
             help="Drop a client that takes nothing of what is queued for it for this long.",
         ),
     ] = 60.0,
+    pressed_stall_timeout_s: Annotated[
+        float,
+        typer.Option(
+            min=0.1,
+            envvar=_env("PRESSED_STALL_TIMEOUT_S"),
+            help="The same for one that holds more than its share of the memory while publishers wait for room.",
+        ),
+    ] = 10.0,
+    max_retained_mb: Annotated[
+        int, typer.Option(min=1, envvar=_env("MAX_RETAINED_MB"), help="Retained messages together, MiB.")
+    ] = 64,
+    max_subscriptions: Annotated[
+        int, typer.Option(min=1, envvar=_env("MAX_SUBSCRIPTIONS"), help="Topic filters of one client.")
+    ] = 5000,
+    max_name_length: Annotated[
+        int,
+        typer.Option(min=16, envvar=_env("MAX_NAME_LENGTH"), help="Length of a topic, a topic filter or a client id."),
+    ] = 1024,
+    max_offline_sessions: Annotated[
+        int,
+        typer.Option(
+            min=1, envvar=_env("MAX_OFFLINE_SESSIONS"), help="Persistent sessions kept whose clients are away."
+        ),
+    ] = 1000,
     session_expiry_s: Annotated[
         int, typer.Option(min=1, envvar=_env("SESSION_EXPIRY_S"), help="Keep a persistent session that is away.")
     ] = 3600,
@@ -126,6 +150,11 @@ def main(
         connections=max_connections,
         connect_timeout_s=connect_timeout_s,
         stall_timeout_s=stall_timeout_s,
+        pressed_stall_timeout_s=pressed_stall_timeout_s,
+        retained_bytes=max_retained_mb * MEGABYTE,
+        subscriptions=max_subscriptions,
+        name_length=max_name_length,
+        offline_sessions=max_offline_sessions,
         session_expiry_s=session_expiry_s,
     )
     try:

@@ -26,7 +26,6 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         self.peer: tuple[str, int] = sock.getpeername()[:2]
         self.closed_because: str | None = None
         self._sock = sock
-        self._stall_timeout_s = limits.stall_timeout_s
         reads = TlsPacketReader if isinstance(sock, ssl.SSLSocket) else PacketReader
         self.reader = reads(sock, limits, budget, self.abort)
         self.writer = PacketWriter(sock, turns, self.abort)
@@ -41,11 +40,16 @@ class Connection(WriterAdapter):  # type: ignore[misc]
         if isinstance(self._sock, ssl.SSLSocket):
             await shake_hands(self._sock)
 
-    def overdue(self, now_s: float) -> str | None:
-        """Why this connection must be ended for making no progress, if it must."""
+    def overdue(self, now_s: float, stall_s: float) -> str | None:
+        """Why this connection must be ended for making no progress for so long, if it must."""
         if self.closed_because is not None:
             return None
-        return self.reader.overdue(now_s, self._stall_timeout_s) or self.writer.overdue(now_s, self._stall_timeout_s)
+        return self.reader.overdue(now_s, stall_s) or self.writer.overdue(now_s, stall_s)
+
+    @property
+    def held_bytes(self) -> int:
+        """What waits for this client to read it, and what it has not finished sending."""
+        return self.writer.queued_bytes + self.reader.held_bytes
 
     def silent_for(self, now_s: float) -> float:
         """Seconds since anything came; 0 while the broker itself does not read."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
@@ -20,6 +21,7 @@ from broker.access import Guard, Refused
 from broker.connection import Connection
 from broker.errors import MalformedPacket, PeerGone
 from broker.handler import ClientHandler
+from broker.holdings import Away, Filters, Retained
 from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from broker.meter import BrokerMeter
 from broker.packets import CODEC_ERRORS, check_connect, is_topic
@@ -31,6 +33,7 @@ logger = logging.getLogger("broker")
 
 LISTENER = "default"
 REFUSED = 0x80
+RETAINED_AT_ONCE = 200  # before others have their turn
 CONNECT_BYTES = 512 * 1024  # five strings of 64 KB and some
 _ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
 
@@ -55,7 +58,9 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.handlers: set[ClientHandler] = set()
         self.on_ask: Callable[[str], Awaitable[None]] | None = None
         self._routes = Routes(self._subscriptions, self._matches, self._may_receive)
-        self._offline: dict[str, int] = {}
+        self._retained = Retained(limits.retained_bytes)
+        self._filters = Filters(limits.subscriptions)
+        self._away = Away(limits.offline_sessions, limits.offline_bytes, limits.all_offline_bytes)
 
     # Connections
 
@@ -91,6 +96,9 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             _, session = await BrokerProtocolHandler.init_from_connect(reader, writer, self.plugins_manager)
         except CODEC_ERRORS as error:
             raise MalformedPacket(f"CONNECT: {error}") from error
+        names = (session.client_id or "", session.will_topic or "")
+        if any(len(name) > self.limits.name_length for name in names):
+            raise MalformedPacket(f"CONNECT with a client id or a topic of over {self.limits.name_length} characters")
         if session.will_flag and not is_topic(session.will_topic):
             raise MalformedPacket(f"last will on topic {session.will_topic!r}, which cannot be published on")
         return ClientHandler(self, writer), session
@@ -160,7 +168,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
 
     def _resume(self, session: Session, handler: ClientHandler) -> None:
         handler.resume()
-        self._offline.pop(session.client_id, None)
+        self._away.returns(session.client_id)
         while not session.retained_messages.empty():
             handler.deliver(session.retained_messages.get_nowait(), 1)
 
@@ -171,7 +179,12 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.handlers.discard(handler)
         self._routes.forget()
         session.transitions.disconnect()
-        for publication in handler.suspend():
+        waiting = handler.suspend()
+        if not session.clean_session:
+            for client_id in self._away.leaves(session.client_id, handler.kept_bytes):
+                self.meter.event("dropped_sessions")
+                await self._delete_session(client_id)
+        for publication in waiting:
             self._keep(session, publication)
             publication.drop()
         if session.clean_session:
@@ -195,30 +208,52 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     async def add_subscription(self, subscription: tuple[str, int], session: Session) -> int:
         """Grant QoS 0 or 1, or 0x80; a filter that is subscribed to again gets the new QoS."""
         topic_filter, qos = subscription
+        client_id = session.client_id
         if not topic_filter or "\0" in topic_filter:
             return REFUSED
         if session.grants is not None and not session.grants.may_subscribe(topic_filter):
             self.meter.event("refused_not_permitted")
             return REFUSED
+        if len(topic_filter) > self.limits.name_length or not self._filters.has_room(client_id, topic_filter):
+            self.meter.event("refused_subscriptions")
+            return REFUSED
         self.remove_subscription(topic_filter, session)
         granted: int = await super().add_subscription((topic_filter, min(qos, 1)), session)
+        if granted != REFUSED:
+            self._filters.add(client_id, topic_filter)
         self._routes.forget()
         return granted
 
     def remove_subscription(self, topic_filter: str, session: Session) -> None:
         """Nothing more is queued for the session by this filter."""
+        self._filters.discard(session.client_id, topic_filter)
         if self._del_subscription(topic_filter, session) and not self._subscriptions[topic_filter]:
             del self._subscriptions[topic_filter]
         self._routes.forget()
 
     async def _del_all_subscriptions(self, session: Session) -> None:
-        await super()._del_all_subscriptions(session)
+        for topic_filter in self._filters.pop(session.client_id):
+            self.remove_subscription(topic_filter, session)
         self._routes.forget()
 
-    def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
-        """Retained messages that a new subscription matches, to this client only."""
-        for topic, kept in tuple(self._retained_messages.items()):
-            if self._matches(topic, topic_filter) and self._may_receive(handler.session, topic):
+    async def _delete_session(self, client_id: str) -> None:
+        self._away.returns(client_id)
+        await super()._delete_session(client_id)
+
+    async def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
+        """Retained messages that a new subscription matches, to this client only, as fast as it reads them."""
+        beginning = re.split("[+#]", topic_filter)[0].rstrip("/")
+        for number, topic in enumerate(tuple(self._retained_messages)):
+            if number % RETAINED_AT_ONCE == RETAINED_AT_ONCE - 1:
+                await asyncio.sleep(0)
+                await handler.connection.writer.caught_up()
+            if not topic.startswith(beginning):
+                continue
+            # by its newest value: it may have changed while others had their turn
+            kept = self._retained_messages.get(topic)
+            if kept is None or not self._may_receive(handler.session, topic):
+                continue
+            if self._matches(topic, topic_filter):
                 publication = Publication(topic, memoryview(kept.data), kept.qos)
                 handler.deliver(publication, min(qos, kept.qos), retain=True)
 
@@ -230,7 +265,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             self.meter.event("refused_not_permitted")
             return
         if retain:
-            await self.retain_message(session, publication.topic, publication.payload, publication.qos)
+            await self._retain(session, publication)
         for receiver, granted in self._routes.receivers(publication.topic):
             qos = min(publication.qos, granted)
             _, handler = self._sessions.get(receiver.client_id, (None, None))
@@ -244,13 +279,27 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     def _may_receive(self, session: Session, topic: str) -> bool:
         return session.grants is None or bool(session.grants.may_receive(topic))
 
+    async def _retain(self, session: Session | None, publication: Publication) -> None:
+        topic, payload = publication.topic, publication.payload
+        if self._retained.book(topic, len(payload)):
+            await self.retain_message(session, topic, payload, publication.qos)
+        else:
+            self.meter.event("refused_retained")
+            await self.retain_message(session, topic, b"", 0)  # better none than one that is out of date
+
+    def patience_s(self, handler: ClientHandler) -> float:
+        """How long a client may make no progress: less while it holds more than its share of what others wait for."""
+        limits, share_bytes = self.limits, self.budget.limit_bytes // max(1, len(self.handlers))
+        if self.budget.is_pressed and handler.held_bytes > share_bytes:
+            return min(limits.pressed_stall_timeout_s, limits.stall_timeout_s)
+        return limits.stall_timeout_s
+
     def _keep(self, session: Session, publication: Publication) -> None:
         """Hold a QoS 1 message for a persistent session that is away, up to a limit."""
-        held_bytes = self._offline.get(session.client_id, 0) + len(publication.payload) + OVERHEAD_BYTES
-        if session.clean_session or held_bytes > self.limits.offline_bytes:
+        size_bytes = len(publication.payload) + OVERHEAD_BYTES
+        if session.clean_session or not self._away.keep(session.client_id, size_bytes):
             self.meter.event("dropped_offline")
             return
-        self._offline[session.client_id] = held_bytes
         kept = Publication(publication.topic, publication.payload, publication.qos)
         session.retained_messages.put_nowait(kept)
 

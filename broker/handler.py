@@ -23,6 +23,7 @@ from amqtt.mqtt.unsubscribe import UnsubscribePacket
 
 from broker.connection import Connection
 from broker.errors import MalformedPacket
+from broker.limits import REPLIES
 from broker.packets import Packet, decode_filters, parse_packet_id, parse_publish
 from broker.publication import Publication
 
@@ -57,7 +58,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         self._broker = broker
         self._waiting: deque[tuple[Publication, bool]] = deque()
         self._acknowledged_s = 0.0
-        self._kept_bytes = 0
+        self.kept_bytes = 0
 
     # Packets from the client
 
@@ -69,6 +70,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             MalformedPacket: the client broke the protocol.
         """
         while not self.left_cleanly:
+            if self.connection.writer.replies > REPLIES:
+                await self.connection.writer.caught_up()
             packet = await self.connection.reader.read_packet()
             if packet.first >> 4 == PUBLISH:
                 await self._on_publish(packet)
@@ -96,6 +99,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
     async def _on_publish(self, packet: Packet) -> None:
         try:
             message = parse_publish(packet.first, packet.body)
+            if len(message.topic) > self._broker.limits.name_length:
+                raise MalformedPacket(f"PUBLISH on a topic of {len(message.topic)} characters")
         except MalformedPacket:
             self._broker.budget.release(packet.cost_bytes)
             raise
@@ -125,7 +130,9 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         await self.mqtt_acknowledge_subscription(packet.variable_header.packet_id, granted)
         for (topic_filter, _), qos in zip(subscriptions, granted, strict=True):
             if qos < 128:
-                self._broker.deliver_retained(self, topic_filter, qos)
+                if len(self._waiting) > INFLIGHT_LIMIT:
+                    raise MalformedPacket("subscribed anew to more retained messages than it acknowledges")
+                await self._broker.deliver_retained(self, topic_filter, qos)
 
     async def _on_unsubscribe(self, fixed: MQTTFixedHeader, body: memoryview) -> None:
         packet = await decode_filters(UnsubscribePacket, fixed, body)
@@ -148,7 +155,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
     def resume(self) -> None:
         """Send again what an earlier connection of this session left unacknowledged (MQTT 3.1.1, section 4.4)."""
         for packet_id, delivery in tuple(self.session.inflight_out.items()):
-            self._kept_bytes += len(delivery.publication.payload)
+            self.kept_bytes += len(delivery.publication.payload)
             delivery.publication.hold()
             self._transmit(delivery.publication, packet_id, delivery, dup=delivery.begun, retain=delivery.retain)
 
@@ -159,23 +166,29 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
 
     def overdue(self, now_s: float) -> str | None:
         """Why this client must be dropped for taking nothing of what waits for it, if it must."""
-        stall_s = self._broker.limits.stall_timeout_s
+        stall_s = self._broker.patience_s(self)
         if self._waiting and now_s - self._acknowledged_s > stall_s:
             return f"it acknowledged nothing for {stall_s:g} s while {len(self._waiting)} messages waited for it"
-        return self.connection.overdue(now_s)
+        return self.connection.overdue(now_s, stall_s)
+
+    @property
+    def held_bytes(self) -> int:
+        """What the broker holds for this client alone or with others."""
+        waiting = sum(len(publication.payload) for publication, _ in self._waiting)
+        return self.connection.held_bytes + waiting
 
     def _has_window(self, publication: Publication) -> bool:
         # A clean session's payload is forgotten when written; a persistent one's is kept until the PUBACK.
-        kept_bytes = 0 if self.session.clean_session else self._kept_bytes + len(publication.payload)
+        kept = 0 if self.session.clean_session else self.kept_bytes + len(publication.payload)
         return len(self.session.inflight_out) < INFLIGHT_LIMIT and (
-            kept_bytes <= self._broker.limits.offline_bytes or not self.session.inflight_out
+            kept <= self._broker.limits.offline_bytes or not self.session.inflight_out
         )
 
     def _begin(self, publication: Publication, retain: bool) -> None:
         if not self.session.inflight_out:
             self._acknowledged_s = self._loop.time()
         if not self.session.clean_session:
-            self._kept_bytes += len(publication.payload)
+            self.kept_bytes += len(publication.payload)
         packet_id = self.session.next_packet_id
         delivery = Delivery(publication, retain)
         self.session.inflight_out[packet_id] = delivery
@@ -209,7 +222,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
                 self._broker.meter.event("aborted_bytes", written)
             publication.drop()
 
-        self.connection.send(header, publication.payload, done)
+        self.connection.send(header, publication.payload, done, retained=retain)
 
     def _on_puback(self, packet_id: int) -> None:
         delivery = self.session.inflight_out.pop(packet_id, None)
@@ -219,7 +232,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         if delivery.written is not None:
             self._broker.meter.acknowledged(self.session.client_id, *delivery.written)
         if delivery.publication is not None:
-            self._kept_bytes -= len(delivery.publication.payload)
+            self.kept_bytes -= len(delivery.publication.payload)
         while self._waiting and self._has_window(self._waiting[0][0]):
             self._begin(*self._waiting.popleft())
 

@@ -10,7 +10,7 @@ import numpy as np
 from amqtt.mqtt.packet import PUBLISH
 
 from broker.errors import MalformedPacket, MessageTooLarge, PeerGone
-from broker.limits import OVERHEAD_BYTES, Budget, Limits
+from broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limits
 from broker.packets import Packet
 
 BUFFER_BYTES = 16 * 1024
@@ -30,6 +30,7 @@ class PacketReader:
         self._waiter: asyncio.Future[None] | None = None
         self._room: asyncio.Future[None] | None = None
         self._reading = self._in_packet = False
+        self.held_bytes = 0  # of the budget, for the packet that is coming in
         self._ended: str | None = None
 
     @property
@@ -46,18 +47,21 @@ class PacketReader:
             MessageTooLarge: over the size limit.
         """
         first, length = await self._fixed_header()
-        limit_bytes = limit_bytes or self._limits.message_bytes
+        limit_bytes = limit_bytes or (self._limits.message_bytes if first >> 4 == PUBLISH else CONTROL_BYTES)
         if length > limit_bytes:
             raise MessageTooLarge(f"packet of {length} bytes, the limit here is {limit_bytes}")
         cost_bytes = 0
         if first >> 4 == PUBLISH:
             cost_bytes = length + OVERHEAD_BYTES
             await self._take(cost_bytes)
+            self.held_bytes = cost_bytes
         try:
             body = await self._read_body(length)
         except BaseException:
             self._budget.release(cost_bytes)
             raise
+        finally:
+            self.held_bytes = 0
         self._in_packet = False
         return Packet(first, body, cost_bytes)
 

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 MEGABYTE = 1024 * 1024
 
-# What a queued message costs beside its payload: Python objects, header, queue entries.
+# What a queued message costs beside its payload, and once more for each receiver: Python objects, queue entries.
 OVERHEAD_BYTES = 512
+# What no client needs more of: a SUBSCRIBE to four thousand filters, answers that wait for a client to read them.
+CONTROL_BYTES = 256 * 1024
+REPLIES = 1000
 
 
 @dataclass(frozen=True)
@@ -18,10 +21,16 @@ class Limits:
 
     message_bytes: int = 64 * MEGABYTE
     memory_bytes: int = 192 * MEGABYTE
-    offline_bytes: int = 64 * MEGABYTE
+    offline_bytes: int = 64 * MEGABYTE  # for one persistent session that is away
+    all_offline_bytes: int = 256 * MEGABYTE
+    offline_sessions: int = 1000
+    retained_bytes: int = 64 * MEGABYTE
+    subscriptions: int = 5000  # of one client
+    name_length: int = 1024  # of a topic, a topic filter or a client id, characters
     connections: int = 1000
     connect_timeout_s: float = 10.0
     stall_timeout_s: float = 60.0
+    pressed_stall_timeout_s: float = 10.0  # of who holds more than its share while publishers wait for room
     session_expiry_s: int = 3600
 
 
@@ -55,6 +64,11 @@ class Budget:
         self.limit_bytes = limit_bytes
         self.used_bytes = 0
         self._waiters: deque[tuple[int, asyncio.Future[None]]] = deque()
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether somebody waits for room."""
+        return any(not granted.done() for _, granted in self._waiters)
 
     def try_take(self, size_bytes: int) -> bool:
         """Take room if there is some and nobody waits for it."""

@@ -24,6 +24,10 @@ class LinkKey(NamedTuple):
     client: str
 
 
+# New counters beyond this are not kept: a client that makes topics up must not fill the memory with them.
+MAX_ROWS = 100_000
+
+
 class BrokerMeter:
     """The same rows as `common.meter.Meter("broker")`, and running totals that are cheap to read.
 
@@ -103,6 +107,11 @@ class BrokerMeter:
         if link_of(topic) is None:
             return ()
         name = name_of(client_id)
+        if len(self._counters) >= 2 * MAX_ROWS:
+            self._counters = {}  # found again as they are needed; each incarnation of a client had its own
+        if len(self._rows) >= MAX_ROWS and (name, topic, direction) not in self._rows:
+            self.event("unmetered")
+            return ()
         with self._lock:
             row = self._rows.cell((name, topic, direction))
             # The totals are of traffic; what was acknowledged of it concerns only who looks for losses.

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import islice
 
-from broker.limits import Turns
+from broker.limits import REPLIES, Turns
 
 GATHERED = 64  # packets in one system call
 
@@ -21,12 +21,13 @@ Done = Callable[[int], None]
 class _Outgoing:
     """A packet that is being written: header, then payload."""
 
-    __slots__ = ("done", "header", "payload", "sent", "size")
+    __slots__ = ("done", "header", "is_reply", "payload", "sent", "size")
 
-    def __init__(self, header: bytes, payload: memoryview | None, done: Done | None) -> None:
+    def __init__(self, header: bytes, payload: memoryview | None, done: Done | None, is_reply: bool) -> None:
         self.header = header
         self.payload = payload
         self.done = done
+        self.is_reply = is_reply
         self.size = len(header) + (len(payload) if payload is not None else 0)
         self.sent = 0
 
@@ -54,8 +55,13 @@ class PacketWriter:
         self._ended = False
         self._written = self._taken = 0
         self._last_taken_s = self._loop.time()
+        self.replies = 0
+        self.queued_bytes = 0
+        self._caught_up: asyncio.Future[None] | None = None
 
-    def send(self, header: bytes, payload: memoryview | None = None, done: Done | None = None) -> None:
+    def send(
+        self, header: bytes, payload: memoryview | None = None, done: Done | None = None, *, retained: bool = False
+    ) -> None:
         """Queue a packet. `done` is called once, with the bytes of it that were written.
 
         That is the packet's size when it was completely written and less when the connection ended first.
@@ -66,9 +72,21 @@ class PacketWriter:
             return
         if not self._queue:
             self._last_taken_s = self._loop.time()
-        self._queue.append(_Outgoing(header, payload, done))
+        item = _Outgoing(header, payload, done, retained or payload is None)
+        self._queue.append(item)
+        self.replies += item.is_reply
+        self.queued_bytes += item.size
         if not self._writing:
             self._flush()
+
+    async def caught_up(self) -> None:
+        """Wait while the peer leaves unread too much of what it asked for itself: acknowledgements, retained messages.
+
+        Nothing that others publish counts, so that who waits here waits for nobody but itself.
+        """
+        while self.replies > REPLIES and not self._ended:
+            self._caught_up = self._loop.create_future()
+            await self._caught_up
 
     def close_when_empty(self) -> None:
         """End the connection when all that is queued has been written."""
@@ -92,6 +110,8 @@ class PacketWriter:
         self._ended = True
         self._stop_writing()
         queue, self._queue = self._queue, deque()
+        self.replies = self.queued_bytes = 0
+        self._wake()
         for item in queue:
             if item.done is not None:
                 item.done(item.sent)
@@ -131,8 +151,17 @@ class PacketWriter:
                 return
             count -= left
             self._queue.popleft()
+            self.queued_bytes -= item.size
+            if item.is_reply:
+                self.replies -= 1
+                if self.replies <= REPLIES:
+                    self._wake()
             if item.done is not None:
                 item.done(item.size)
+
+    def _wake(self) -> None:
+        if self._caught_up is not None and not self._caught_up.done():
+            self._caught_up.set_result(None)
 
     def _stop_writing(self) -> None:
         if self._writing:

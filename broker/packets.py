@@ -43,6 +43,8 @@ def parse_publish(first: int, body: memoryview) -> Publish:
     start = topic_end + (2 if qos else 0)
     if qos == 3 or start > len(body) or len(body) < 2:
         raise MalformedPacket(f"PUBLISH with QoS {qos} and a topic that ends at byte {start} of {len(body)}")
+    if qos and not any(body[topic_end:start]):
+        raise MalformedPacket("PUBLISH with packet identifier 0")
     try:
         topic = bytes(body[2:topic_end]).decode()
     except UnicodeDecodeError as error:
@@ -72,6 +74,8 @@ async def decode_filters(kind: type[Any], fixed: MQTTFixedHeader, body: memoryvi
         raise MalformedPacket(f"{kind.__name__}: {error}") from error
     if not packet.payload.topics or packet.bytes_length != len(fixed.to_bytes()) + len(body):
         raise MalformedPacket(f"{kind.__name__} without topic filters or with bytes left over")
+    if packet.variable_header.packet_id == 0:
+        raise MalformedPacket(f"{kind.__name__} with packet identifier 0")
     return packet
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amqtt.mqtt.packet import PUBLISH, MQTTFixedHeader
 
-from broker.limits import Budget
+from broker.limits import OVERHEAD_BYTES, Budget
 
 
 class Publication:
@@ -27,13 +27,19 @@ class Publication:
     def hold(self) -> None:
         """One more receiver keeps the payload in memory."""
         self._holders += 1
+        if self._budget is not None:
+            self._budget.charge(OVERHEAD_BYTES)
 
     def drop(self) -> None:
         """A receiver (or the publisher's reader) is done with it."""
         self._holders -= 1
-        if self._holders == 0 and self._budget is not None:
+        if self._budget is None:
+            return
+        if self._holders == 0:
             self._budget.release(self._cost_bytes)
-            self._cost_bytes = 0  # a persistent session may hold it again, to send it a second time
+            self._cost_bytes = OVERHEAD_BYTES  # a persistent session may hold it again, to send it a second time
+        else:
+            self._budget.release(OVERHEAD_BYTES)
 
     def header(self, packet_id: int | None, *, dup: bool, retain: bool) -> bytes:
         """Everything of the PUBLISH packet before the payload (MQTT 3.1.1, section 3.3)."""

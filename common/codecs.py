@@ -30,9 +30,14 @@ Shapes = Mapping[str, tuple[int, ...]]
 Layout = Mapping[str, tuple[str, tuple[int, ...]]]
 """Tensor name -> safetensors dtype and shape, in the order of the file."""
 
+MAX_WEIGHT = 1e4
+"""The largest |w| that is sent or taken. Networks trained here stay below 10. Within it no forward pass can overflow
+float32: the full-size network's fan-ins 256 x 512 x 576 x 2560 x 512 times (1e4)^5 are 1e34."""
+
 VALUES, INDICES = "topk.values", "topk.indices"
 _SCALE = ".scale"
 _LARGEST_HALF = np.float32(np.finfo(np.float16).max)
+_LARGEST_SCALE = float(np.nextafter(np.float32(MAX_WEIGHT / 127), np.float32(np.inf)))  # see _scale
 _LARGEST, _LEAST = np.finfo(np.float32).max, np.finfo(np.float32).smallest_subnormal
 
 
@@ -107,21 +112,40 @@ def check(tensors: Mapping[str, Array], shapes: Shapes) -> None:
     """Hold what came in one of the `layouts` against what an encoder can have sent.
 
     Raises:
-        PayloadError: a value that is not finite, a negative scale, or indices out of range or order.
+        PayloadError: a weight that is not finite or beyond `MAX_WEIGHT`, a negative scale, or indices out of range
+            or order.
     """
     for name, tensor in tensors.items():
-        if tensor.dtype.kind != "f":
-            continue
-        with np.errstate(invalid="ignore"):  # infinities of both signs add up to NaN, which is what is looked for
-            total = float(np.add.reduce(tensor, axis=None, dtype=np.float64))
-        if not math.isfinite(total):
-            raise PayloadError(f"{name} is not finite")
-        if name.removesuffix(_SCALE) in tensors and name.endswith(_SCALE) and total < 0:
-            raise PayloadError(f"{name} is {total}, expected 0 or more")
+        if tensor.dtype == np.int8:
+            _check_steps(name, tensor, float(tensors[name + _SCALE]))
+        elif tensor.dtype.kind == "f":
+            check_weights(name, tensor)
     if is_difference(tensors):
         indices, entries = tensors[INDICES], _entries(shapes)
         if indices[0] < 0 or indices[-1] >= entries or (indices[1:] <= indices[:-1]).any():
             raise PayloadError(f"{INDICES} are not ascending from 0 to {entries - 1}")
+
+
+def check_weights(name: str, tensor: Array) -> None:
+    """Hold float weights against `MAX_WEIGHT`.
+
+    Raises:
+        PayloadError: one is not finite, or larger.
+    """
+    largest = largest_weight(tensor)
+    if not math.isfinite(largest):
+        raise PayloadError(f"{name} is not finite")
+    if largest > MAX_WEIGHT:
+        raise PayloadError(f"{name} has a weight of size {largest:g}, expected at most {MAX_WEIGHT:g}")
+
+
+def largest_weight(tensor: Array) -> float:
+    """Largest |w| of a float16 or float32 tensor; NaN or infinite where any weight is."""
+    if tensor.dtype == np.float16:
+        # Without their signs halves are in the order of their bits. numpy compares halves themselves one by one.
+        bits = (tensor.view(np.uint16) & 0x7FFF).max(initial=0)
+        return float(np.uint16(bits).view(np.float16))
+    return float(np.maximum(tensor.max(initial=0), -tensor.min(initial=0)))  # hands NaN on, as max and min do
 
 
 def is_difference(tensors: Mapping[str, Array]) -> bool:
@@ -159,6 +183,17 @@ def experience_bytes(codec: ExperienceCodec, camera: tuple[int, int], network: t
         return None
     width, height = camera if codec == "raw" else network
     return 4 * width * height
+
+
+def _check_steps(name: str, steps: Array, scale: float) -> None:
+    if not math.isfinite(scale):
+        raise PayloadError(f"{name}{_SCALE} is not finite")
+    if scale < 0:
+        raise PayloadError(f"{name}{_SCALE} is {scale}, expected 0 or more")
+    if scale > _LARGEST_SCALE:
+        raise PayloadError(f"{name}{_SCALE} is {scale:g}, expected at most {_LARGEST_SCALE:g}")
+    if steps.min(initial=0) < -127:
+        raise PayloadError(f"{name} has a step of -128, expected -127 to 127")
 
 
 def _to_half(tensor: Array) -> Array:

@@ -44,6 +44,13 @@ class Counters:
                     file.write(json.dumps(key) + "\n")
         return found
 
+    def __len__(self) -> int:
+        """Number of cells."""
+        return len(self._cells)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._cells
+
     def items(self) -> Iterator[tuple[Key, tuple[int, int, int]]]:
         """All cells, in the order of their keys."""
         for key, cell in sorted(self._cells.items()):

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, Self, cast
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from common.counters import Counters, Key, read_counters
 from common.topics import Link, arm_of, link_of, phase_of
@@ -33,9 +33,9 @@ class MeterRow(BaseModel):
     link: Link
     client: str
     direction: Direction
-    messages: int
-    payload_bytes: int
-    packet_bytes: int
+    messages: int = Field(ge=0)
+    payload_bytes: int = Field(ge=0)
+    packet_bytes: int = Field(ge=0)
 
     @classmethod
     def of(cls, side: Side, client: str, topic: str, direction: Direction, counts: Sequence[int]) -> Self:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, BeforeValidator, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from common.bus import Payload
-from common.codecs import FLOAT32, Array, Shapes, Tensors, WeightsCodec, check, is_difference, layouts
+from common.codecs import FLOAT32, Array, Shapes, Tensors, WeightsCodec, check, check_weights, is_difference, layouts
 from common.errors import PayloadError
 from common.tensorfile import (
     MAX_HEADER_BYTES,
     Header,
-    check_header,
+    decode_floats,
     decode_tensors,
     encode_tensors,
     first_reason,
@@ -29,6 +29,14 @@ from common.tensorfile import (
 
 Weights = Mapping[str, npt.NDArray[np.float32]]
 MOTION_METADATA_BYTES = 320
+MAX_REWARD = 1e9
+"""The largest |reward| that is taken: scenarios stay far below, and in float32 its square is finite, so no message can
+make a learner's loss infinite."""
+MAX_COUNT = 2**53
+"""Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
+
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+Reward = Annotated[float, Field(ge=-MAX_REWARD, le=MAX_REWARD, allow_inf_nan=False)]
 
 
 def _from_json(value: object) -> object:
@@ -39,28 +47,36 @@ class ModelHeader(Header):
     """Metadata of a model on the wire: the paper's fields, and what the neighbours decide with."""
 
     schema_: Literal["jouleswarm.model/1"] = Field("jouleswarm.model/1", alias="schema")
-    task: int = Field(ge=0, description="0: the meta-model")
-    agent: int = Field(ge=0, description="0: the data center")
-    round: int = Field(ge=0)
-    reward: FiniteFloat | None = Field(None, description="average running reward R of the sender")
-    samples: int = Field(0, ge=0, description="|E_k|: new transitions of the round")
-    rewards: Annotated[dict[int, tuple[int, FiniteFloat]], BeforeValidator(_from_json)] = Field(
+    task: Count = Field(description="0: the meta-model")
+    agent: Count = Field(description="0: the data center")
+    round: Count
+    reward: Reward | None = Field(None, description="average running reward R of the sender")
+    samples: Count = Field(0, description="|E_k|: new transitions of the round")
+    rewards: Annotated[dict[int, tuple[int, Reward]], BeforeValidator(_from_json)] = Field(
         default_factory=dict, description="newest known (round, episode reward) of each robot of the cluster"
     )
     codec: Literal["float16", "int8", "topk"] | None = Field(None, description="of the tensors; none: float32")
     padding: str = ""
+
+    @model_validator(mode="after")
+    def _rewards_are_past(self) -> Self:
+        # One from the future would stay the newest for ever, and be passed on.
+        for agent, (round_, _) in self.rewards.items():
+            if not 1 <= round_ <= self.round:
+                raise ValueError(f"rewards of robot {agent} are of round {round_}, expected 1 to {self.round}")
+        return self
 
 
 class MotionHeader(Header):
     """Metadata of one motion's experience (x_h, y_h, r_h)."""
 
     schema_: Literal["jouleswarm.experience/1"] = Field("jouleswarm.experience/1", alias="schema")
-    task: int = Field(ge=1)
-    agent: int = Field(ge=1)
-    round: int = Field(ge=1)
-    motion: int = Field(ge=0)
+    task: int = Field(ge=1, le=MAX_COUNT)
+    agent: int = Field(ge=1, le=MAX_COUNT)
+    round: int = Field(ge=1, le=MAX_COUNT)
+    motion: Count
     action: int = Field(ge=0, le=3)
-    reward: FiniteFloat
+    reward: Reward
     first: Annotated[bool, BeforeValidator(_from_json)] = Field(description="the frame opens an episode")
     terminated: Annotated[bool, BeforeValidator(_from_json)]
     codec: Literal["png", "resized"] | None = Field(None, description="of the frame; none: raw")
@@ -70,16 +86,16 @@ class MotionHeader(Header):
 class Presence(Header):
     """Where a robot stands: `stage` only grows while it lives (see agents/agent.py)."""
 
-    agent: int
-    stage: int = 0
+    agent: Count
+    stage: Count = 0
     state: Literal["here", "gone"] = Field("here", description="gone: the last will of a process that died")
 
 
 class RoundRequest(Header):
     """Asks for the messages of rounds `first` to `last`."""
 
-    first: int = Field(ge=0)
-    last: int = Field(ge=0)
+    first: Count
+    last: Count
 
 
 class Acknowledgement(Header):
@@ -99,9 +115,9 @@ class Claim(Header):
 class Episode(Header):
     """A robot's greedy episode with the data center's model of a round (centralized learning)."""
 
-    agent: int = Field(ge=1)
-    round: int = Field(ge=1)
-    reward: FiniteFloat
+    agent: int = Field(ge=1, le=MAX_COUNT)
+    round: int = Field(ge=1, le=MAX_COUNT)
+    reward: Reward
 
 
 def encode_model(tensors: Mapping[str, Array], header: ModelHeader, robots: int = 0) -> bytes:
@@ -116,7 +132,8 @@ def decode_model(payload: Payload, shapes: Shapes) -> tuple[dict[str, npt.NDArra
     """Read a float32 model and check it against the expected tensors.
 
     Raises:
-        PayloadError: not a safetensors file, another schema, other names, shapes or dtype, or values not finite.
+        PayloadError: not a safetensors file, another schema, other names, shapes or dtype, or values that are not
+            finite or beyond `common.codecs.MAX_WEIGHT`.
     """
     return read_model(payload, shapes, FLOAT32)
 
@@ -140,12 +157,15 @@ def read_model(payload: Payload, shapes: Shapes, codec: WeightsCodec) -> tuple[T
 
 
 def check_model(payload: Payload) -> ModelHeader:
-    """The header of a model of whatever shape, for who only keeps it.
+    """The header of a float32 model of whatever shape, for who only keeps it.
 
     Raises:
-        PayloadError: not a safetensors file with a model's metadata.
+        PayloadError: not a safetensors file with a model's metadata, or values that no receiver would take.
     """
-    return check_header(payload, ModelHeader, "model")
+    tensors, header = decode_floats(payload, ModelHeader, "model")
+    for name, tensor in tensors.items():
+        check_weights(name, tensor)
+    return header
 
 
 def encode_motion(frame: npt.NDArray[np.uint8], header: MotionHeader) -> bytes:

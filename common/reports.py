@@ -6,18 +6,22 @@ which holds them all and is sent until the recorder has acknowledged it. Without
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from common import topics
 from common.bus import Message, Payload
 from common.lines import whole_lines
 from common.listener import Listener
 from common.meter import MeterRow
-from common.payloads import Acknowledgement, Presence, decode_json, encode_json
+from common.payloads import Acknowledgement, Count, Presence, decode_json, encode_json
 from common.runlog import RoundRow
+from common.topics import Link
+
+MAX_REPORT_BYTES = 16 * 1024 * 1024
+"""Counters by topic: 200 to 300 bytes a row, so some 60 000 rows."""
 
 
 class Telemetry(BaseModel):
@@ -26,7 +30,7 @@ class Telemetry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     row: RoundRow
-    received: dict[str, int]
+    received: dict[Link, Count]
 
 
 class MeterReport(BaseModel):
@@ -34,7 +38,7 @@ class MeterReport(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    client: str
+    client: str = Field(max_length=100)
     rows: list[MeterRow]
     rounds: list[RoundRow]
 
@@ -45,7 +49,9 @@ class Reporter:
     def __init__(self, listener: Listener, run: str, rows: Path | None = None) -> None:
         """`rows`: a file that keeps the rows, for a process that was killed."""
         self._listener, self._bus, self._run, self._file = listener, listener.bus, run, rows
-        self._rows = {row.sort_key(): row for row in _kept(rows)}
+        self._lines: list[bytes] = []  # where there is no file
+        if rows is not None:
+            whole_lines(rows)
         self._acknowledged: set[str] = set()
         self._recorded = False
         listener.handlers |= {"ack": self._take_acknowledgement, "here": self._take_recorder}
@@ -53,11 +59,14 @@ class Reporter:
 
     def row(self, row: RoundRow) -> None:
         """Tell a row, and keep it for the end."""
-        self._rows[row.sort_key()] = row
-        if self._file is not None:
-            with self._file.open("a", encoding="utf-8") as file:
-                file.write(row.model_dump_json() + "\n")
-        telemetry = Telemetry(row=row, received=self._bus.meter.totals("in"))
+        line = row.model_dump_json().encode()
+        if self._file is None:
+            self._lines.append(line)
+        else:
+            with self._file.open("ab") as file:
+                file.write(line + b"\n")
+        received = {Link(link): count for link, count in self._bus.meter.totals("in").items()}
+        telemetry = Telemetry(row=row, received=received)
         self._bus.publish(topics.telemetry(self._run, row.arm, self._bus.client), encode_json(telemetry))
 
     def deliver(self, topic: str, payload: Payload) -> None:
@@ -78,7 +87,8 @@ class Reporter:
         self._bus.flush()
         # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
         topic = topics.meter_report(self._run, self._bus.client)
-        report = MeterReport(client=self._bus.client, rows=self._bus.meter.rows(), rounds=list(self._rows.values()))
+        lines = self._lines if self._file is None else whole_lines(self._file)
+        report = MeterReport(client=self._bus.client, rows=self._bus.meter.rows(), rounds=_once(lines))
         self.deliver(topic, encode_json(report))
         self._bus.close()
 
@@ -92,6 +102,7 @@ class Reporter:
         self._recorded = bool(message.payload) and decode_json(message.payload, Presence).state == "here"
 
 
-def _kept(file: Path | None) -> list[RoundRow]:
-    """Rows that an earlier life of the process has kept."""
-    return [] if file is None else [RoundRow.model_validate_json(line) for line in whole_lines(file)]
+def _once(lines: Iterable[bytes]) -> list[RoundRow]:
+    """Rows, each once: a process that was killed tells its last row again."""
+    rows = map(RoundRow.model_validate_json, lines)
+    return list({row.sort_key(): row for row in rows}.values())

@@ -11,7 +11,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,7 +39,7 @@ MANIFEST, ROUNDS, METER, PROGRESS, SUMMARY = (
 class RoundRow(BaseModel):
     """One robot's round (or, agent 0, one training task of the data center's MAML round)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     phase: Literal["maml", "fl"]
     """maml: the meta-learning stage in the data center, by whatever method. fl: everything else."""
@@ -86,12 +87,14 @@ class RunDirectory:
         if not resume and path.exists() and any(path.iterdir()):
             raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
         self.path = path
-        kept = whole_lines(path / ROUNDS) if resume else []
-        self._rows = {row.sort_key(): row for row in map(RoundRow.model_validate_json, kept)}
+        self._told: dict[tuple[object, ...], tuple[int, int]] = {}  # whose rows: how many, and the newest round
         if resume:
+            whole_lines(path / ROUNDS)
             whole_lines(path / PROGRESS)
             for name in (METER, SUMMARY):  # of a run that was interrupted
                 (path / name).unlink(missing_ok=True)
+            for row in self.rows:
+                self._book(row)
         (path / "weights").mkdir(parents=True, exist_ok=True)
 
     def manifest(self, manifest: dict[str, Any]) -> None:
@@ -99,10 +102,31 @@ class RunDirectory:
         self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
 
     def round(self, row: RoundRow) -> None:
-        """Append a row; one that is there already, told again by a process that was killed, is left out."""
-        if row.sort_key() not in self._rows:
-            self._rows[row.sort_key()] = row
+        """Append a row; one that is there already, told again by a process that was killed, is left out.
+
+        So is one that comes late: `complete` brings it.
+        """
+        if self._book(row):
             self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+
+    def complete(self, rows: Sequence[RoundRow]) -> None:
+        """Append those of a process's rows that have not come; `rows` are all of them."""
+        counts = Counter(map(_whose, rows))
+        if all(self._told.get(whose, (0, 0))[0] == count for whose, count in counts.items()):
+            return
+        there = {row.sort_key() for row in self.rows}
+        for row in rows:
+            if row.sort_key() not in there:
+                self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+                count, newest = self._told.get(_whose(row), (0, 0))
+                self._told[_whose(row)] = count + 1, max(newest, row.round)
+
+    def _book(self, row: RoundRow) -> bool:
+        """Whether a row is newer than all that its process has told."""
+        count, newest = self._told.get(_whose(row), (0, 0))
+        if row.round > newest:
+            self._told[_whose(row)] = count + 1, row.round
+        return row.round > newest
 
     def progress(self, row: dict[str, Any]) -> None:
         """Append a point of the byte curves."""
@@ -114,7 +138,7 @@ class RunDirectory:
 
     def summary(self, summary: dict[str, Any]) -> None:
         """Write the summary, and the rows in their final order."""
-        ordered = sorted(self._rows.values(), key=RoundRow.sort_key)
+        ordered = sorted(self.rows, key=RoundRow.sort_key)
         self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
         self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
 
@@ -125,8 +149,12 @@ class RunDirectory:
 
     @property
     def rows(self) -> list[RoundRow]:
-        """Rows written so far, in order of arrival."""
-        return list(self._rows.values())
+        """Rows written so far, in order of arrival; read again, so that memory does not grow with the rounds."""
+        path = self.path / ROUNDS
+        if not path.exists():
+            return []
+        with path.open(encoding="utf-8") as file:
+            return [RoundRow.model_validate_json(line) for line in file]
 
     def _append(self, name: str, line: str) -> None:
         with (self.path / name).open("a", encoding="utf-8") as file:
@@ -134,3 +162,7 @@ class RunDirectory:
 
     def _replace(self, name: str, text: str) -> None:
         write_whole(self.path / name, text.encode())
+
+
+def _whose(row: RoundRow) -> tuple[object, ...]:
+    return row.arm, row.phase, row.task, row.agent

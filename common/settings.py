@@ -10,6 +10,7 @@ from common.codecs import CodecName, ExperienceCodec, WeightsCodec
 
 Positive = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]  # see common.payloads.MAX_REWARD
 PositiveFloat = Annotated[float, Field(gt=0)]
 CarbonIntensity = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -26,11 +27,13 @@ class World(Section):
     rows: Positive = 8
     cols: Positive = 5
     cell_m: PositiveFloat = Field(1.0, description="distance between landmarks, metres")
-    exit_reward: float = 80.0
-    path_reward: float = Field(-0.5, description="reward on the path next to the exit")
-    path_slope: float = Field(2.5, ge=0, description="how much lower the reward is at the path's beginning")
-    off_path_reward: float = Field(-1.5, description="added for each motion away from the nearest path landmark")
-    obstacle_reward: float = -80.0
+    exit_reward: RewardSetting = 80.0
+    path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
+    path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
+    off_path_reward: RewardSetting = Field(
+        -1.5, description="added for each motion away from the nearest path landmark"
+    )
+    obstacle_reward: RewardSetting = -80.0
     max_motions: Positive = Field(20, description="an episode is truncated after this many motions")
 
 
@@ -39,7 +42,7 @@ class Task(Section):
 
     id: Positive
     map: str
-    rewards: tuple[float, ...] | None = Field(
+    rewards: tuple[RewardSetting, ...] | None = Field(
         None, description="position-reward table, row by row, in place of the one made from the map"
     )
     robots: int | None = Field(None, ge=1, description="cluster size; default federation.robots_per_cluster")

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from common.codecs import Array, Shapes, Tensors, Weights, WeightsCodec, decode, encode
+from common.codecs import (
+    MAX_WEIGHT,
+    Array,
+    Shapes,
+    Tensors,
+    Weights,
+    WeightsCodec,
+    decode,
+    encode,
+    largest_weight,
+)
+from common.errors import TrainingError
 from common.payloads import ModelHeader, encode_model
 from common.state import State
 
@@ -23,7 +34,16 @@ class WeightsEncoder:
         return self._public
 
     def encode(self, weights: Weights) -> Tensors:
-        """Tensors for the wire; whole the first time."""
+        """Tensors for the wire; whole the first time.
+
+        Raises:
+            TrainingError: receivers would refuse them, and ask for them again for ever.
+        """
+        for name, tensor in weights.items():
+            if not (largest := largest_weight(tensor)) <= MAX_WEIGHT:
+                raise TrainingError(
+                    f"{name} has a weight of size {largest:g}, expected at most {MAX_WEIGHT:g}; lower the learning rate"
+                )
         shapes = {name: tensor.shape for name, tensor in weights.items()}
         tensors = encode(self.codec, weights, self._public)
         self._public = decode(self.codec, tensors, shapes, self._public)

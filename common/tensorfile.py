@@ -75,34 +75,35 @@ def decode_tensors(
         layout = next((each for each in fitting if found == dict(each)), None)
         if layout is None:
             raise PayloadError(f"{what}: tensors {_difference(found, fitting[0])}")
-        tensors = dict(safetensors.deserialize(bytes(payload)))  # type: ignore[no-untyped-call]
+        tensors = _tensors(payload)
+        return {name: _array(tensors[name], code, shape) for name, (code, shape) in layout.items()}, header
     except ValidationError as error:
         raise PayloadError(f"{what}: {first_reason(error)}") from error
     except _MALFORMED as error:
         raise PayloadError(f"{what}: not a safetensors file with our metadata: {error!r}") from error
-    return {
-        name: np.frombuffer(tensors[name]["data"], _DTYPES[code]).reshape(shape)
-        for name, (code, shape) in layout.items()
-    }, header
 
 
-def check_header(payload: Payload, kind: type[HeaderT], what: str) -> HeaderT:
-    """The header of a safetensors file of whatever tensors.
+def decode_floats(payload: Payload, kind: type[HeaderT], what: str) -> tuple[dict[str, Array], HeaderT]:
+    """A safetensors file of whatever float32 tensors, and its header.
 
     Raises:
-        PayloadError: not a safetensors file with such a header.
+        PayloadError: not a safetensors file with such a header, or with tensors of another dtype.
     """
     try:
         (length,) = struct.unpack_from("<Q", payload)
         if length > min(MAX_HEADER_BYTES, len(payload)):
             raise PayloadError(f"{what}: header of {length} bytes, expected at most {MAX_HEADER_BYTES}")
         _, header = _header(payload, kind)
-        safetensors.deserialize(bytes(payload))  # type: ignore[no-untyped-call]
+        tensors = {}
+        for name, tensor in _tensors(payload).items():
+            if tensor["dtype"] != "F32":
+                raise PayloadError(f"{what}: {name} in {tensor['dtype']}, expected F32")
+            tensors[name] = _array(tensor, "F32", tuple(tensor["shape"]))
+        return tensors, header
     except ValidationError as error:
         raise PayloadError(f"{what}: {first_reason(error)}") from error
     except _MALFORMED as error:
         raise PayloadError(f"{what}: not a safetensors file with our metadata: {error!r}") from error
-    return header
 
 
 def tensor_bytes(payload: Payload) -> int:
@@ -142,6 +143,14 @@ def _header(payload: Payload, kind: type[HeaderT]) -> tuple[dict[str, Any], Head
     entries = json.loads(bytes(payload[8 : 8 + length]))
     header = kind.model_validate(entries.pop("__metadata__"))
     return entries, header
+
+
+def _tensors(payload: Payload) -> dict[str, dict[str, Any]]:
+    return dict(safetensors.deserialize(bytes(payload)))  # type: ignore[no-untyped-call]
+
+
+def _array(tensor: dict[str, Any], code: str, shape: tuple[int, ...]) -> Array:
+    return np.frombuffer(tensor["data"], _DTYPES[code]).reshape(shape)
 
 
 def _metadata(header: Header, size_bytes: int) -> dict[str, str]:

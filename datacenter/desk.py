@@ -7,6 +7,7 @@ import time
 
 from common import topics
 from common.bus import Message
+from common.errors import PayloadError
 from common.listener import Listener
 from common.payloads import Presence, decode_json
 from common.scenario import Scenario
@@ -60,6 +61,8 @@ class Desk:
         """
         if message.topic.endswith("/presence") and message.payload:
             presence = decode_json(message.payload, Presence)
+            if presence.agent != int(message.topic.split("/")[5]):
+                raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
             if presence.state == "gone":
                 log.warning("robot %d is gone; waiting for it to come back", presence.agent)
                 self._gone.setdefault(presence.agent, time.monotonic())

@@ -13,10 +13,11 @@ from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows
 from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
-from common.reports import MeterReport, Telemetry
+from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
 from common.snapshot import BrokerSnapshot
+from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
 from fleet.summary import summarise
 from fleet.traffic import DATA_CENTER
 
@@ -39,7 +40,8 @@ class Recorder:
         self._begun = time.monotonic()
         self._progress_at = 0.0
         self._reports: dict[str, list[MeterRow]] = {}
-        self._received: dict[str, dict[str, int]] = {}
+        self._received: dict[str, dict[topics.Link, int]] = {}
+        self.refused = 0
         self._broker_rows: list[MeterRow] = []
         self._asked, self._answered = "", False
         self._gone: dict[str, float] = {}
@@ -90,6 +92,7 @@ class Recorder:
             try:
                 self._take(message)
             except PayloadError as error:
+                self.refused += 1
                 log.warning("refused a message on %s: %s", message.topic, error)
 
     def check(self) -> None:
@@ -145,7 +148,7 @@ class Recorder:
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
         if topic == topics.BROKER_METER:
-            snapshot = decode_json(message.payload, BrokerSnapshot, len(message.payload))
+            snapshot = decode_json(message.payload, BrokerSnapshot, MAX_REPORT_BYTES)
             if snapshot.asked is not None and snapshot.asked == self._asked:
                 self._answered = True
                 prefix = f"{topics.ROOT}/{self._run}/"
@@ -153,19 +156,18 @@ class Recorder:
         elif kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
+            name = learned_name(topics.arm_of(topic), topic.split("/")[4], self._scenario)
             check_model(message.payload)
-            task = topic.split("/")[4]
-            self._directory.weights(f"{topics.arm_of(topic)}-task{task}", message.payload)
-            if task.isdecimal() and int(task) in self._scenario.clusters:
-                self._acknowledge(topic, f"agent-{min(self._scenario.cluster(int(task)))}")
+            self._directory.weights(name, message.payload)
+            self._acknowledge(topic, client_of(min(self._scenario.cluster(int(topic.split("/")[4])))))
         elif kind == "snapshot":
             self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":
             self._take_presence(message)
         else:
-            report = decode_json(message.payload, MeterReport, len(message.payload))
-            for row in report.rounds:
-                self._directory.round(row)
+            report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
+            check_report(report, kind, self._clients)
+            self._directory.complete(report.rounds)
             self._reports[report.client] = report.rows
             self._gone.pop(report.client, None)
             self._acknowledge(topic, report.client)
@@ -175,24 +177,24 @@ class Recorder:
         self._bus.publish(topics.acknowledgement(self._run, client), encode_json(Acknowledgement(topic=topic)))
 
     def _take_snapshot(self, message: Message, round_: str) -> None:
-        if not round_.isdecimal():
-            raise PayloadError(f"meta-model of round {round_!r}, expected a number")
+        name = snapshot_name(topics.arm_of(message.topic), round_, self._scenario)
         check_model(message.payload)
-        method = topics.arm_of(message.topic)
-        self._directory.weights(f"{method}-meta-t{int(round_):04d}", message.payload)
+        self._directory.weights(name, message.payload)
         self._acknowledge(message.topic, DATA_CENTER)
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
             return
         presence = decode_json(message.payload, Presence)
-        client = f"agent-{presence.agent}" if presence.agent else "datacenter"
+        check_presence(presence, message.topic, self._scenario, self._run)
+        client = client_of(presence.agent)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
         else:
             self._gone.pop(client, None)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
+        check_row(telemetry, client, self._scenario)
         row = telemetry.row
         self._directory.round(row)
         self.newest[row.arm, row.task, row.agent] = row

@@ -201,13 +201,26 @@ def good(**fields: object) -> bytes:
         good()[:-1],
         encode_model({"w": np.ones(3, np.float32)}, ModelHeader(task=1, agent=2, round=1, reward=1.0, samples=20)),
         encode_model({"w": np.full(2, np.nan, np.float32)}, ModelHeader(task=1, agent=2, round=1, samples=20)),
+        encode_model({"w": np.full(2, 1e5, np.float32)}, ModelHeader(task=1, agent=2, round=1, samples=20)),
         good(agent=3),
         good(task=2),
         good(reward=None),
         good(samples=0),
         good(rewards={}),  # the rewards are what the cluster decides by
     ],
-    ids=["empty", "garbage", "truncated", "shape", "NaN", "agent", "task", "no reward", "no samples", "no rewards"],
+    ids=[
+        "empty",
+        "garbage",
+        "truncated",
+        "shape",
+        "NaN",
+        "wild",
+        "agent",
+        "task",
+        "no reward",
+        "no samples",
+        "no rewards",
+    ],
 )
 def test_a_bad_payload_is_refused_counted_and_waited_past(payload: bytes) -> None:
     table = Table()
@@ -296,6 +309,16 @@ def test_stages_are_waited_for_and_a_robot_that_went_does_not_count_as_come() ->
     waiting.result()
 
 
+def test_a_neighbour_cannot_speak_for_the_data_center() -> None:
+    table = Table()
+    told = encode_json(Presence(agent=0, stage=9))
+    table.others.publish(topics.presence(RUN, TASK, 2), told, retain=True)
+    table.send(2, 1)
+    table.send(3, 1)
+    table.exchange.gather(1)
+    assert (table.exchange.refused, table.exchange._datacenter_stage) == (1, 0)
+
+
 def test_presence_is_retained_for_robots_that_come_later() -> None:
     table = Table()
     table.exchange.announce(3)
@@ -318,6 +341,15 @@ def test_wanted_rounds_are_due_once_and_in_order_until_the_stage_is_over() -> No
     assert table.meta.await_rounds_due(ARM, {1, 2}, t0=3) == [3]
     want(table, 4, 4)
     assert table.meta.await_rounds_due(ARM, {1, 2, 3}, t0=3) == []
+
+
+@pytest.mark.parametrize("round_", [0, 3, 2**53])
+def test_a_round_that_meta_learning_does_not_have_is_never_due(round_: int) -> None:
+    table = Table()
+    request = encode_json(RoundRequest(first=round_, last=round_))
+    table.others.publish(topics.collect_again(RUN, ARM, TASK, ME), request)
+    want(table, 3, 3)
+    assert table.meta.await_rounds_due(ARM, {1, 2}, t0=2) == []
 
 
 def test_a_round_asked_for_again_is_due_again() -> None:

@@ -82,6 +82,25 @@ def test_the_newest_round_is_passed_on_whatever_order_it_was_heard_in() -> None:
     assert ledger.newest() == {2: (3, 33.0)}
 
 
+def test_a_reward_that_a_neighbour_left_out_leaves_the_clusters_unknown() -> None:
+    ledger = RewardLedger((1, 2), 1, window=2)
+    for round_ in (1, 2, 3):
+        ledger.record(1, round_, 10.0)
+    ledger.merge({2: (1, 20.0)})
+    ledger.merge({2: (3, 20.0)})
+    assert [ledger.cluster_reward(round_) for round_ in (1, 2, 3)] == [15.0, None, None]
+
+
+def test_a_ledger_keeps_no_more_rounds_than_decisions_need() -> None:
+    ledger = RewardLedger((1,), 3, window=2)
+    for round_ in range(1, 1001):
+        ledger.record(1, round_, float(round_))
+        settled = round_ - 2
+        wanted = None if settled < 1 else settled - 0.5 if settled > 1 else 1.0
+        assert ledger.cluster_reward(round_) == wanted
+    assert len(ledger._rewards[1]) <= 5
+
+
 def test_at_two_hops_the_cluster_decides_on_the_round_before() -> None:
     ledger = RewardLedger((1,), 2, window=1)
     ledger.record(1, 1, 10.0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from common.codecs import (
     FLOAT32,
     INDICES,
+    MAX_WEIGHT,
     VALUES,
     CodecName,
     Weights,
@@ -21,10 +22,11 @@ from common.codecs import (
     encode,
     experience_bytes,
     is_difference,
+    largest_weight,
     topk_entries,
     weights_bytes,
 )
-from common.errors import PayloadError
+from common.errors import PayloadError, TrainingError
 from common.payloads import ModelHeader, decode_model, encode_model, read_model
 from common.streams import WeightsDecoder, WeightsEncoder
 from common.tensorfile import tensor_bytes
@@ -33,12 +35,12 @@ HALF, INT8 = WeightsCodec("float16"), WeightsCodec("int8")
 CODECS = [FLOAT32, HALF, INT8, WeightsCodec("topk", 0.25)]
 SHAPES = {"a": (2, 3), "b": (2,)}
 HEADER = ModelHeader(task=2, agent=3, round=9, reward=41.5, samples=20, rewards={3: (9, 40.0), 4: (8, 43.0)})
-FIRST = HEADER.model_copy(update={"round": 1})
+FIRST = HEADER.model_copy(update={"round": 1, "rewards": {3: (1, 40.0)}})
 LARGEST = float(np.finfo(np.float32).max)
 LEAST = float(np.finfo(np.float32).smallest_subnormal)
 
 finite32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
-eight = st.lists(finite32, min_size=8, max_size=8)
+eight = st.lists(st.floats(-MAX_WEIGHT, MAX_WEIGHT, width=32), min_size=8, max_size=8)
 
 
 def model(values: list[float]) -> Weights:
@@ -155,7 +157,7 @@ def test_a_model_that_stands_still_is_reached_to_the_bit_after_1_over_share_mess
 def test_the_sender_knows_what_receivers_hold_to_the_bit(models: list[list[float]], codec: WeightsCodec) -> None:
     encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, SHAPES)
     for round_, values in enumerate(models, 1):
-        header = HEADER.model_copy(update={"round": round_})
+        header = FIRST.model_copy(update={"round": round_})
         tensors, _ = read_model(encoder.payload(model(values), header), SHAPES, codec)
         got = decoder.decode(tensors)
         assert list(got) == list(SHAPES)
@@ -212,7 +214,7 @@ def test_a_saved_payload_opens_in_the_safetensors_library(codec: WeightsCodec) -
 @given(
     st.sampled_from(CODECS),
     st.integers(2, 10**6),
-    st.none() | st.floats(allow_nan=False, allow_infinity=False),
+    st.none() | st.floats(-1e9, 1e9),
     st.integers(0, 10**5),
     eight,
 )
@@ -294,6 +296,7 @@ def test_where_both_topk_layouts_are_equally_long_the_names_tell() -> None:
 
 
 HALF_NAN = {"a": np.full((2, 3), np.nan, np.float16), "b": np.zeros(2, np.float16)}
+HALF_LARGE = {"a": np.full((2, 3), -10008, np.float16), "b": np.zeros(2, np.float16)}
 HALF_INF = {"a": np.full((2, 3), np.inf, np.float16), "b": np.zeros(2, np.float16)}
 STEPS = {"a": np.ones((2, 3), np.int8), "b": np.ones(2, np.int8)}
 
@@ -311,10 +314,14 @@ def differences(indices: list[int], value: float = 1.0) -> dict[str, npt.NDArray
     [
         (HALF, HALF_NAN, "a is not finite"),
         (HALF, HALF_INF, "a is not finite"),
+        (HALF, HALF_LARGE, "a has a weight of size 10008, expected at most 10000"),
         (INT8, {**scales(np.nan), **STEPS}, "a.scale is not finite"),
         (INT8, {**scales(-1.0), **STEPS}, r"a.scale is -1.0, expected 0 or more"),
+        (INT8, {**scales(78.8), **STEPS}, r"a\.scale is 78.8, expected at most 78.7402"),  # 10^4 / 127
+        (INT8, {**scales(1.0), **STEPS, "b": np.array([0, -128], np.int8)}, "b has a step of -128"),
         (INT8, {**scales(1.0), **STEPS, "a": np.ones((3, 2), np.int8)}, r"a: got .*\(3, 2\)"),
         (CODECS[3], differences([0, 1], np.inf), "topk.values is not finite"),
+        (CODECS[3], differences([0, 1], -2e4), "topk.values has a weight of size 20000"),
         (CODECS[3], differences([-1, 1]), "topk.indices are not ascending from 0 to 7"),
         (CODECS[3], differences([1, 8]), "topk.indices are not ascending"),
         (CODECS[3], differences([3, 3]), "topk.indices are not ascending"),
@@ -341,6 +348,27 @@ def test_a_flipped_byte_is_read_as_finite_weights_or_refused(codec: WeightsCodec
         return
     got = decode(codec, tensors, SHAPES, model([0.0] * 8))
     assert all(np.isfinite(tensor).all() for tensor in got.values())
+
+
+@pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
+def test_a_sender_whose_weights_would_be_refused_ends_instead_of_being_asked_for_them_for_ever(
+    codec: WeightsCodec,
+) -> None:
+    WeightsEncoder(codec).encode(vector(MAX_WEIGHT, -MAX_WEIGHT))
+    for value in (10001.0, -10001.0, np.inf, np.nan):
+        with pytest.raises(TrainingError, match="w has a weight of size"):
+            WeightsEncoder(codec).encode(vector(0.0, value))
+
+
+@given(st.lists(st.floats(width=16, allow_nan=False), min_size=1, max_size=9))
+def test_the_largest_half_is_found_from_its_bits(values: list[float]) -> None:
+    assert largest_weight(np.array(values, np.float16)) == max(map(abs, values))
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_one_weight_that_is_no_number_makes_the_largest_no_finite_one(dtype: type) -> None:
+    for value in (np.nan, -np.nan, np.inf, -np.inf):
+        assert not math.isfinite(largest_weight(np.array([1.0, value, -2.0], dtype)))
 
 
 def test_check_takes_whatever_an_encoder_sends() -> None:

@@ -14,13 +14,16 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.codecs import MAX_WEIGHT
 from common.errors import PayloadError
 from common.payloads import (
     MAX_HEADER_BYTES,
+    MAX_REWARD,
     ModelHeader,
     MotionHeader,
     Presence,
     RoundRequest,
+    check_model,
     decode_json,
     decode_model,
     decode_motion,
@@ -38,8 +41,8 @@ HEADER = ModelHeader(task=2, agent=3, round=9, reward=41.5, samples=20, rewards=
 MOTION = MotionHeader(task=2, agent=3, round=1, motion=0, action=3, reward=-1.5, first=True, terminated=False)
 FRAME = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
-finite32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
+finite = st.floats(-MAX_REWARD, MAX_REWARD)
+finite32 = st.floats(-MAX_WEIGHT, MAX_WEIGHT, width=32)
 
 
 def taken_apart(payload: bytes) -> tuple[dict[str, Any], bytes]:
@@ -70,6 +73,7 @@ def test_a_model_comes_back_bit_by_bit(
 ) -> None:
     flat = np.array(values, np.float32)
     weights = {"0.weight": flat[:6].reshape(2, 3), "0.bias": flat[6:]}
+    rewards = {agent: known for agent, known in rewards.items() if known[0] <= round_}
     header = ModelHeader(task=2, agent=3, round=round_, reward=reward, samples=samples, rewards=rewards)
     decoded, got = decode_model(encode_model(weights, header), SHAPES)
     assert list(decoded) == list(weights)
@@ -118,16 +122,16 @@ def test_a_tensor_of_another_memory_order_is_written_row_by_row() -> None:
 
 
 @given(
-    st.integers(0, 10**6),
+    st.integers(1, 10**6),
     st.none() | finite,
     st.integers(0, 10**5),
-    st.lists(st.tuples(st.integers(1, 10**6), finite), min_size=2, max_size=2),
+    st.lists(finite, min_size=2, max_size=2),
 )
 def test_a_robots_payload_has_one_size_whatever_round_and_rewards(
-    round_: int, reward: float | None, samples: int, known: list[tuple[int, float]]
+    round_: int, reward: float | None, samples: int, known: list[float]
 ) -> None:
     header = ModelHeader(
-        task=2, agent=3, round=round_, reward=reward, samples=samples, rewards=dict(zip((3, 4), known, strict=True))
+        task=2, agent=3, round=round_, reward=reward, samples=samples, rewards={3: (round_, known[0]), 4: (1, known[1])}
     )
     assert len(encode_model(WEIGHTS, header)) == len(encode_model(WEIGHTS, HEADER))
 
@@ -211,6 +215,8 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     ),
     "NaN": (encode_model({**WEIGHTS, "0.bias": np.array([0, math.nan], np.float32)}, HEADER), "0.bias is not finite"),
     "infinite": (encode_model({**WEIGHTS, "0.bias": np.array([math.inf, 0], np.float32)}, HEADER), "not finite"),
+    "reward wildly large": (altered(lambda entries: entries["__metadata__"].update(reward="1e300")), "reward"),
+    "samples beyond 64 bits": (altered(lambda entries: entries["__metadata__"].update(samples="9" * 30)), "samples"),
     "infinities that cancel": (
         encode_model({**WEIGHTS, "0.bias": np.array([math.inf, -math.inf], np.float32)}, HEADER),
         "not finite",
@@ -225,10 +231,29 @@ def test_a_bad_model_is_refused_and_the_reason_named(case: str) -> None:
         decode_model(payload, SHAPES)
 
 
-def test_the_largest_float32_values_are_finite() -> None:
-    top = np.finfo(np.float32).max
-    weights = {**WEIGHTS, "0.bias": np.array([top, top], np.float32)}
-    assert decode_model(encode_model(weights, HEADER), SHAPES)[0]["0.bias"].tolist() == [top, top]
+def test_weights_up_to_the_limit_are_taken_and_larger_ones_refused() -> None:
+    for bias in ([1e4, -1e4], [0.0, 0.0]):
+        weights = {**WEIGHTS, "0.bias": np.array(bias, np.float32)}
+        assert decode_model(encode_model(weights, HEADER), SHAPES)[0]["0.bias"].tolist() == bias
+    for bias in ([10001.0, 0.0], [0.0, -10001.0], [3e38, -3e38]):
+        weights = {**WEIGHTS, "0.bias": np.array(bias, np.float32)}
+        with pytest.raises(PayloadError, match=r"0\.bias has a weight of size .*, expected at most 10000"):
+            decode_model(encode_model(weights, HEADER), SHAPES)
+
+
+def test_a_model_for_the_run_directory_is_refused_for_the_same_values() -> None:
+    assert check_model(encode_model(WEIGHTS, HEADER)).round == 9
+    for value, reason in ((math.nan, "not finite"), (-2e4, "expected at most")):
+        with pytest.raises(PayloadError, match=reason):
+            check_model(encode_model({**WEIGHTS, "0.bias": np.array([value, 0], np.float32)}, HEADER))
+    with pytest.raises(PayloadError, match=r"0\.bias in I8, expected F32"):
+        check_model(encode_model({**WEIGHTS, "0.bias": np.zeros(2, np.int8)}, HEADER))
+
+
+def test_a_reward_from_the_future_is_refused_as_it_would_stay_the_newest_for_ever() -> None:
+    payload = altered(lambda entries: entries["__metadata__"].update(rewards='{"3": [10, 1.0]}'))
+    with pytest.raises(PayloadError, match="rewards of robot 3 are of round 10, expected 1 to 9"):
+        decode_model(payload, SHAPES)
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_the_round_after_may_come_first(table: Table) -> None:
         motion(1, 1, 0, task=2),
         motion(1, 1, MOTIONS),
         motion(1, 3, 0),
-        motion(1, 10**9, 0),
+        motion(1, 10**6, 0),
         encode_motion(
             np.zeros((12, 12, 4), np.uint8),
             MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0, first=True, terminated=False),

@@ -88,6 +88,13 @@ class Table:
         while not self.bus._inbox.empty():  # a busy machine takes its time
             self.recorder.pump(0.05)
 
+    def pump_all(self, refused: int) -> None:
+        """Until so many messages have been refused."""
+        for _ in range(100):
+            if self.recorder.refused >= refused:
+                return
+            self.pump()
+
     def json(self, name: str) -> Any:
         return json.loads((self.path / name).read_text())
 
@@ -186,13 +193,13 @@ def test_models_are_kept_under_their_names(table: Table) -> None:
         encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=task, agent=task, round=42)) for task in (1, 0)
     )
     table.others.publish(topics.learned(RUN, "fl", 1), learned)
-    table.others.publish(topics.snapshot(RUN, "maml", 42), meta)
+    table.others.publish(topics.snapshot(RUN, "maml", 1), meta)
     # what cannot be read afterwards does not take the place of what can
     table.others.publish(topics.learned(RUN, "fl", 1), learned[:-1])
-    table.others.publish(topics.snapshot(RUN, "maml", 42), b"garbage")
-    table.pump()
+    table.others.publish(topics.snapshot(RUN, "maml", 1), b"garbage")
+    table.pump_all(refused=2)
     kept = {path.name: path.read_bytes() for path in (table.path / "weights").iterdir()}
-    assert kept == {"fl-task1.safetensors": learned, "maml-meta-t0042.safetensors": meta}
+    assert kept == {"fl-task1.safetensors": learned, "maml-meta-t0001.safetensors": meta}
 
 
 @pytest.mark.parametrize(
@@ -213,6 +220,45 @@ def test_garbage_is_left_out_and_recording_goes_on(table: Table, topic: str) -> 
     assert len(table.recorder.rows) == 1
     assert sorted(table.recorder.waiting_for) == CLIENTS
     assert [path for path in table.path.parent.rglob("*.safetensors") if path.parent.name != "weights"] == []
+
+
+LONG = "x" * 5000  # no file can have such a name
+
+
+def test_what_no_process_of_this_run_can_have_said_is_refused(table: Table) -> None:
+    model = encode_model({"w": np.ones(2, np.float32)}, ModelHeader(task=1, agent=1, round=1))
+    here = encode_json(Presence(agent=7, state="gone"))
+    for topic, payload in [
+        (topics.learned(RUN, LONG, 1), model),
+        (topics.learned(RUN, "fl", LONG), model),
+        (topics.learned(RUN, "fl", 2), model),
+        (topics.snapshot(RUN, "fl", 1), model),
+        (topics.snapshot(RUN, "maml", 2), model),
+        (topics.meter_report(RUN, "agent-1"), encode_json(MeterReport(client="agent-2", rows=[]))),
+        (topics.meter_report(RUN, "agent-7"), encode_json(MeterReport(client="agent-7", rows=[]))),
+        (topics.presence(RUN, 1, 1), encode_json(Presence(agent=2, state="gone"))),
+        (topics.presence(RUN, 1, 7), here),
+        (topics.presence(RUN, "x", "y"), here),
+    ]:
+        table.others.publish(topic, payload)
+    table.row(7, 1)
+    table.row(1, 1, client="agent-2")
+    table.row(1, 1, task=2)
+    table.row(1, 1, arm="sarsa")
+    table.row(1, 201)  # federation.max_rounds is 200
+    table.pump_all(refused=15)
+    assert table.recorder.refused == 15
+    assert (table.recorder.rows, list((table.path / "weights").iterdir())) == ([], [])
+    assert sorted(table.recorder.waiting_for) == CLIENTS
+
+
+def test_a_reward_that_is_no_number_is_refused(table: Table) -> None:
+    table.row(1, 1, reward=1.5)
+    told = table.recorder._bus.receive(DEADLINE_S)
+    assert told is not None
+    table.others.publish(told.topic, bytes(told.payload).replace(b'"reward":1.5', b'"reward":NaN'))
+    table.pump_all(refused=1)
+    assert (table.recorder.refused, table.recorder.rows) == (1, [])
 
 
 def test_a_process_that_died_and_does_not_come_back_ends_the_run(table: Table) -> None:

@@ -1,0 +1,80 @@
+"""How long 12 honest robots wait because of one subscriber that reads nothing, and what the broker holds meanwhile.
+
+    python -m benchmarks.stalled_subscriber [--rounds 8] [--pressed-s 10] [--stall-s 60]
+
+Robots on a ring exchange weights of 5.6 MB in rounds; the stalled one is subscribed to all of them. --pressed-s 60 is
+the rule without a shorter time for who holds more than its share.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import threading
+import time
+from multiprocessing.connection import Connection
+
+import psutil
+
+from benchmarks.broker_start import embedded
+from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, Crew
+from benchmarks.hostile_packets import connect, subscribe
+from common.mqtt import MqttBus, parse_url
+
+MEGABYTE = 1024 * 1024
+
+
+def robot(url: str, number: int, pipe: Connection) -> None:
+    """A round: weights to both neighbours, both neighbours' weights in; nobody is told to begin the next one early."""
+    bus = MqttBus.connect(url, f"agent-{number}")
+    neighbours = ((number - 1) % ROBOTS, (number + 1) % ROBOTS)
+    bus.subscribe(*(f"{RUN}/sl/1/{each}/weights" for each in neighbours))
+    weights = os.urandom(WEIGHTS_BYTES)
+    pipe.send("ready")
+    while pipe.recv():
+        bus.publish(f"{RUN}/sl/1/{number}/weights", weights)
+        for _ in neighbours:
+            message = bus.receive()
+            assert message is not None
+            assert len(message.payload) == WEIGHTS_BYTES
+        pipe.send("done")
+    bus.close()
+
+
+def peak_watch(process: psutil.Process, peak: list[int], stop: threading.Event) -> None:
+    """Keep the most memory seen."""
+    while not stop.wait(0.1):
+        peak[0] = max(peak[0], process.memory_info().rss)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--pressed-s", type=float, default=10.0)
+    parser.add_argument("--stall-s", type=float, default=60.0)
+    options = parser.parse_args()
+    times = ("--pressed-stall-timeout-s", str(options.pressed_s), "--stall-timeout-s", str(options.stall_s))
+    with embedded(*times) as broker, socket.socket() as stalled:
+        crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])
+        address, process = parse_url(broker.url), psutil.Process(broker.pid)
+        before, peak, stop = process.memory_info().rss, [0], threading.Event()
+        watcher = threading.Thread(target=peak_watch, args=(process, peak, stop))
+        watcher.start()
+        stalled.connect((address.host, address.port))
+        stalled.sendall(connect("stalled", keepalive_s=0) + subscribe(f"{RUN}/#", qos=0))
+        begun_s = time.monotonic()
+        rounds_s = [crew.round_s(lambda: None) for _ in range(options.rounds)]
+        total_s = time.monotonic() - begun_s
+        stop.set()
+        watcher.join()
+        crew.end()
+    print(
+        f"{options.rounds} rounds of {ROBOTS} robots in {total_s:.1f} s: "
+        + " ".join(f"{each:.1f}" for each in rounds_s)
+    )
+    print(f"longest round {max(rounds_s):.1f} s; the broker grew by {(peak[0] - before) / MEGABYTE:.0f} MB at its peak")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,16 @@
+"""A short run of hostile connections against a broker process; `python -m benchmarks.fuzz_broker` is the long one."""
+
+from __future__ import annotations
+
+from benchmarks.fuzz_broker import run
+from benchmarks.hostile_packets import KINDS
+
+
+def test_the_broker_and_an_honest_pair_live_through_every_kind_of_hostile_connection(tmp_path):
+    result = run(4 * len(KINDS), 7, 16, 160.0, tmp_path / "broker.log")
+    assert result.wrong == []
+    for kind in KINDS:
+        ends = result.by_kind[kind.name]
+        assert ends.total() == 4
+        assert not kind.ends or ends["broker"] == 4
+    assert result.honest["sent"] >= 50
