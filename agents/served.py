@@ -94,7 +94,8 @@ class ServerLink:
     def load_state(self, state: State) -> None:
         """See `common.state.Stateful`."""
         self._decoder.load_state(state.part("decoder"))
-        self._taken, self._is_back = state.part("link").values["taken"], True
+        self._taken = self._round = state.part("link").values["taken"]
+        self._is_back = True
 
     def _take_model(self, message: Message) -> None:
         if topics.arm_of(message.topic) != self._exchange.arm:

@@ -116,7 +116,7 @@ def _messages() -> tuple[Target, ...]:
         _message(RoundRequest(first=1, last=2)),
         _message(Episode(agent=1, round=2, reward=3.5)),
         _message(Telemetry.model_validate({"row": row, "received": {"uplink": 1, "sidelink": 2}})),
-        _message(MeterReport(client="agent-1", rows=meter.rows()), MAX_REPORT_BYTES),
+        _message(MeterReport(client="agent-1", rows=meter.rows(), rounds=[]), MAX_REPORT_BYTES),
         _message(BrokerSnapshot.model_validate(snapshot), MAX_REPORT_BYTES),
     )
 

@@ -127,7 +127,8 @@ class StateFile:
         """
         whole = self._whole()
         if not whole:
-            if any(path.exists() for path in self._paths):
+            # One file alone that is not whole was being written for the first time: nothing has been saved.
+            if all(path.exists() for path in self._paths):
                 raise self._unfit("neither file is whole")
             return None
         _, content = max(whole)

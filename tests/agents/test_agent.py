@@ -29,6 +29,7 @@ from common.process import use_one_thread
 from common.qnetwork import build_qnetwork, shapes_of, to_weights
 from common.runlog import RoundRow
 from common.scenario import Scenario, load_scenario
+from common.state import Keep
 from datacenter.server import run_datacenter
 from fleet.traffic import traffic
 
@@ -274,12 +275,12 @@ def test_a_data_center_that_died_goes_on_from_its_checkpoint_to_the_same_end(out
     recorder = hub.connect("recorder")
     recorder.subscribe(topics.snapshot("r", "+", "+"))
     robots = [in_thread(run_agent, scenario, agent, "r", hub.connect(f"agent-{agent}")) for agent in scenario.agents]
-    assert ended(in_thread(run_datacenter, scenario, "r", dying(hub.connect("datacenter")), tmp_path))
-    assert (tmp_path / "maml" / "state.safetensors").exists()
+    assert ended(in_thread(run_datacenter, scenario, "r", dying(hub.connect("datacenter")), Keep(tmp_path)))
+    assert (tmp_path / "maml" / "state.0").exists()
     assert recorder.receive(0.001) is None
     recorder.publish(topics.presence("r", 0, 0), encode_json(Presence(agent=0, state="gone")), retain=True)  # its will
 
-    assert ended(in_thread(run_datacenter, scenario, "r", hub.connect("datacenter"), tmp_path))
+    assert ended(in_thread(run_datacenter, scenario, "r", hub.connect("datacenter"), Keep(tmp_path)))
     assert all(ended(robot) for robot in robots)
     message = recorder.receive(0)
     assert message is not None

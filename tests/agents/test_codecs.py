@@ -20,7 +20,7 @@ from common.methods import Arm
 from common.payloads import ModelHeader, RoundRequest, encode_json
 from common.qnetwork import build_qnetwork, to_weights
 from common.scenario import Scenario, scenario_from
-from common.settings import Bus
+from common.settings import Bus, Federation
 from common.streams import WeightsEncoder
 from datacenter.cluster_desk import Turn
 from datacenter.parameter_server import ParameterServer
@@ -29,6 +29,10 @@ RUN, ARM, TASK, ME = "r", "fl", 1, 1
 SHAPES = {"w": (4,)}
 PATIENT_S, DEADLINE_S = 60.0, 20.0
 HALF_OF_THEM = WeightsCodec("topk", 0.5)  # 2 of 4 entries
+
+
+def federation(codec: WeightsCodec) -> Federation:
+    return Federation(codec=codec.name, topk_share=codec.topk_share)
 
 
 def header(agent: int, round_: int, **fields: Any) -> ModelHeader:
@@ -47,13 +51,15 @@ class Pair:
     def __init__(self, codec: WeightsCodec = HALF_OF_THEM) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
-        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), codec)
+        self.exchange = Exchange(
+            self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), federation(codec)
+        )
         self.meta = MetaLink(self.exchange, SHAPES)
         self.other = self.hub.connect("other")
         self.open("fl")
 
     def open(self, arm: str) -> None:
-        self.exchange.open_arm(Arm(arm, "fl", 0), self.exchange.here)
+        self.exchange.open_arm(Arm(arm, "fl", 0), self.exchange.here, 2)
         self.theirs = WeightsEncoder(self.exchange.codec)
 
     def send(self, payload: bytes, arm: str = ARM) -> None:
@@ -198,8 +204,8 @@ class Averaging:
         here = Neighbourhood(agent=agent, task=TASK, cluster=(1, 2), neighbours=(), diameter=1)
         shapes = {name: tensor.shape for name, tensor in weights.items()}
         bus, codec = self.hub.connect(f"agent-{agent}"), self.scenario.federation.weights_codec
-        exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), codec)
-        exchange.open_arm(Arm("fedavg", "fedavg", 0), here)
+        exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), federation(codec))
+        exchange.open_arm(Arm("fedavg", "fedavg", 0), here, 2)
         sharing = ServedSharing(ServerLink(exchange), exchange)
         for round_ in range(1, ROUNDS + 1):
             weights = bump(agent, round_, weights)

@@ -14,7 +14,7 @@ from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
 from common.methods import Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
-from common.settings import Bus
+from common.settings import Bus, Federation
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
 SHAPES = {"w": (2,)}
@@ -56,13 +56,15 @@ class Table:
     def __init__(self, resend_after_s: float = PATIENT_S) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2, 3), neighbours=(2, 3), diameter=1)
-        self.exchange = Exchange(self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=resend_after_s))
+        self.exchange = Exchange(
+            self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=resend_after_s), Federation()
+        )
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
         self.meta = MetaLink(self.exchange, SHAPES)
         self.meta.listen([Arm(ARM, ARM, 3)])
         self.exchange.join([Arm(ARM, ARM, 3)])
-        self.exchange.open_arm(Arm(ARM, ARM, 3), here)
+        self.exchange.open_arm(Arm(ARM, ARM, 3), here, 2)
 
     def listen(self, *filters: str) -> MemoryBus:
         self.ears.subscribe(*filters)
@@ -121,9 +123,9 @@ def header(round_: int) -> ModelHeader:
 
 def test_a_robot_without_neighbours_gathers_nothing_at_once() -> None:
     here = Neighbourhood(agent=1, task=1, cluster=(1,), neighbours=(), diameter=1)
-    exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S))
+    exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), Federation())
     exchange.join([Arm(ARM, ARM, 3)])
-    exchange.open_arm(Arm(ARM, ARM, 3), here)
+    exchange.open_arm(Arm(ARM, ARM, 3), here, 2)
     exchange.await_stage(1)
     assert exchange.gather(1) == {}
 
@@ -175,7 +177,7 @@ def test_weights_of_another_arm_change_nothing() -> None:
     table.send(2, 1, 1.0)
     table.send(3, 1, 1.0)
     table.values(1)
-    table.exchange.open_arm(Arm("fl", "fl", 0), table.exchange.here)
+    table.exchange.open_arm(Arm("fl", "fl", 0), table.exchange.here, 2)
     table.send(2, 1, 99.0, arm="maml")
     table.send(3, 1, 30.0, arm="fl")
     table.send(2, 1, 20.0, arm="fl")

@@ -18,6 +18,7 @@ from common.payloads import Presence, decode_json, encode_json
 from common.process import use_one_thread
 from common.reports import Telemetry
 from common.scenario import Scenario, load_scenario
+from common.state import Keep
 from datacenter.server import run_datacenter
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each; robot 1 sends experience
@@ -75,7 +76,7 @@ class Deployment:
         self.died: list[str] = []
 
     def run(self, death: Death) -> End:
-        bodies: dict[str, Callable[[MemoryBus, Path], None]] = {
+        bodies: dict[str, Callable[[MemoryBus, Keep], None]] = {
             f"agent-{agent}": functools.partial(run_agent, self.scenario, agent, "r") for agent in self.scenario.agents
         }
         if self.scenario.needs_datacenter:
@@ -93,19 +94,19 @@ class Deployment:
         assert self.died == [death.client]
         return self._end()
 
-    def _process(self, client: str, body: Callable[[MemoryBus, Path], None], death: Death) -> None:
+    def _process(self, client: str, body: Callable[[MemoryBus, Keep], None], death: Death) -> None:
         use_one_thread()
         try:
             bus = self.hub.connect(client)
             if client == death.client:
                 mortal(bus, death)
             try:
-                body(bus, self.folder / client)
+                body(bus, Keep(self.folder / client))
             except Killed:
                 self.died.append(client)
                 bus = self.hub.connect(client)
                 self._will(client)
-                body(bus, self.folder / client)
+                body(bus, Keep(self.folder / client))
         except BaseException as error:
             self.errors.append(error)
             raise

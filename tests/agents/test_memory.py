@@ -11,7 +11,7 @@ from agents.memory import Memory
 from common.errors import RunError
 from common.meter import Meter
 from common.scenario import Scenario, scenario_from
-from common.state import State
+from common.state import Keep, State
 
 ARMS = ("maml", "fl", "fedavg")
 START = {"w": np.arange(3, dtype=np.float32)}
@@ -37,7 +37,7 @@ def scenario(**sections: object) -> Scenario:
 
 
 def memory(folder: Path | None, agent: int = 1, run: str = "r", **sections: object) -> Memory:
-    return Memory(scenario(**sections), agent, run, folder, Meter("client"))
+    return Memory(scenario(**sections), agent, run, Keep(folder), Meter("client"))
 
 
 @pytest.mark.parametrize("folder", [True, False], ids=["an empty folder", "no folder"])

@@ -53,7 +53,7 @@ def test_the_finished_file_is_in_order_whatever_came_first(tmp_path: Path) -> No
         row(task=1, agent=1, round=10),
         row(task=2, agent=3, round=1),
     ]
-    for each in reversed(ordered):
+    for each in (ordered[6], ordered[4], ordered[5], ordered[3], ordered[1], ordered[2], ordered[0]):
         directory.round(each)
     directory.summary({"seed": 1})
     assert [RoundRow.model_validate(each) for each in lines(tmp_path / "rounds.jsonl")] == ordered
@@ -90,11 +90,22 @@ def test_a_row_that_is_there_is_not_written_again(tmp_path: Path) -> None:
     assert [each["seconds"] for each in lines(tmp_path / "rounds.jsonl")] == [0.5]
 
 
+def test_rows_that_have_not_come_are_completed_by_the_list_of_all(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    ordered = [row(round=1), row(round=2), row(round=3), row(round=4)]
+    for each in (ordered[0], ordered[2], ordered[1]):  # the last one comes late: it is left to the list
+        directory.round(each)
+    assert [each.round for each in directory.rows] == [1, 3]
+    directory.complete(ordered)
+    directory.complete(ordered)
+    assert sorted(each.round for each in directory.rows) == [1, 2, 3, 4]
+
+
 def test_an_interrupted_run_is_gone_on_with_and_its_torn_lines_are_cut_off(tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path)
     directory.manifest({"run": "r"})
-    directory.round(row(round=2))
     directory.round(row(round=1))
+    directory.round(row(round=2))
     directory.progress({"time_s": 1.0})
     directory.weights("maml-task1", b"model")
     directory.meter([])

@@ -21,7 +21,7 @@ from common.scenario import load_scenario
 from fleet.chaos import outcome
 from fleet.launcher import Launcher
 from fleet.recorder import Recorder
-from fleet.run import run_deployment
+from fleet.run import Options, run_deployment
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -104,7 +104,7 @@ class Killer:
 def deploy(out: Path, killer: Killer, *overrides: str) -> Path:
     scenario = load_scenario(TOY, overrides)
     options = ["--scenario", TOY, *sets(overrides)]
-    return run_deployment(scenario, options, "r", out, None, Console(quiet=True), 5, killer)
+    return run_deployment(scenario, options, "r", out, Console(quiet=True), Options(restarts=5, intruder=killer))
 
 
 def counts(run: Any, side: str, direction: str) -> dict[tuple[str, str], int]:
