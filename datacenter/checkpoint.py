@@ -84,7 +84,9 @@ class Checkpoint:
 
     def _file(self, part: str) -> StateFile:
         assert self.folder is not None
-        return StateFile(self.folder / f"{part}.safetensors", self._owner, durable=self._durable)
+        if part not in self._files:
+            self._files[part] = StateFile(self.folder / part, self._owner, durable=self._durable)
+        return self._files[part]
 
 
 def owner_of(scenario: Scenario, run: str, method: str) -> str:

@@ -233,12 +233,13 @@ def test_a_damaged_checkpoint_is_refused(
 ) -> None:
     scenario = make_scenario()
     trained(scenario, make_experience, tmp_path, 2)
-    state, frames = tmp_path / "state.safetensors", tmp_path / "frames-1.bin"
+    frames = tmp_path / "frames-1.bin"
     if damage == "frames missing":
         frames.unlink()
     else:
-        state.write_bytes(state.read_bytes()[:-100] if damage == "state cut off" else b"")
-    with pytest.raises(RunError, match=str(frames if damage == "frames missing" else state)):
+        for state in (tmp_path / "state.0", tmp_path / "state.1"):
+            state.write_bytes(state.read_bytes()[:-100] if damage == "state cut off" else b"")
+    with pytest.raises(RunError, match=str(frames if damage == "frames missing" else tmp_path)):
         checkpoint_of(scenario, tmp_path).restore(MetaLearner(scenario, "maml", tmp_path))
 
 
@@ -246,6 +247,6 @@ def test_a_round_cut_off_while_it_was_saved_is_simply_not_there(
     make_scenario: Make, make_experience: Make, tmp_path: Path
 ) -> None:
     trained(make_scenario(), make_experience, tmp_path, 1)
-    (tmp_path / "state.safetensors.part").write_bytes(b"half a st")  # killed in the middle of writing round 2
+    (tmp_path / "state.1").write_bytes(b"half a st")  # killed in the middle of writing round 2
     checkpoint = checkpoint_of(make_scenario(), tmp_path)
     assert checkpoint.restore(MetaLearner(make_scenario(), "maml", tmp_path)) == 1
