@@ -32,13 +32,15 @@ RUN /opt/venv/bin/pip install --quiet --no-deps --prefix /package /source
 
 FROM python:3.11-slim-bookworm
 RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin jouleswarm \
- && install -d -o 10001 -g 10001 /runs /keys
+ && install -d -o 10001 -g 10001 /runs /keys /state \
+ && for client in broker health recorder datacenter $(seq -f agent-%g 12); do \
+      install -d -o 10001 -g 10001 "/handed/$client"; done
 COPY --from=dependencies /opt/venv /opt/venv
 COPY --from=package /package /opt/venv
 COPY scenarios /app/scenarios
 COPY deploy/broker_health.py /app/deploy/broker_health.py
 WORKDIR /app
-# All that is written at run time goes to /tmp, /runs and /keys: the rest of the file system can be read-only.
+# All that is written at run time goes to /tmp, /runs, /keys, /handed and /state: the rest of the file system can be read-only.
 # One thread of arithmetic a process: robots share the cores, and results do not depend on their number.
 ENV PATH=/opt/venv/bin:$PATH HOME=/tmp MPLCONFIGDIR=/tmp/matplotlib \
     PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \

@@ -76,32 +76,42 @@ def test_all_processes_are_given_the_same_broker_and_scenario(services: dict[str
 
 
 def mounted_keys(service: dict[str, Any]) -> dict[str, str]:
-    """Where a container sees which folder of the volume of keys."""
-    mounts = [mount for mount in service["volumes"] if isinstance(mount, dict)]
-    for mount in mounts:
-        assert (mount["type"], mount["source"], mount["read_only"]) == ("volume", "keys", True)
-        assert mount["volume"]["nocopy"] is True
-    return {mount["target"]: mount["volume"]["subpath"] for mount in mounts}
+    """Where a container sees which volume of keys; all are read-only."""
+    mounts = [mount.split(":") for mount in service["volumes"] if mount.startswith("keys")]
+    assert all(mode == "ro" for _, _, mode in mounts)
+    return {target: volume for volume, target, _ in mounts}
 
 
 @pytest.mark.parametrize("role", CLIENTS)
 def test_a_container_sees_the_keys_of_its_own_client_only(services: dict[str, Any], role: str) -> None:
-    assert mounted_keys(services[role]) == {f"/keys/{role}": f"swarm/{role}"}
+    assert mounted_keys(services[role]) == {f"/keys/{role}": f"keys-{role}"}
     assert services[role]["environment"]["JOULESWARM_KEYS"] == "/keys"
-    assert not any(str(mount).startswith("keys:") for mount in services[role]["volumes"])
 
 
 def test_the_broker_has_its_keys_and_those_of_its_health_check(services: dict[str, Any]) -> None:
     broker = services["broker"]
-    assert mounted_keys(broker) == {"/keys/broker": "swarm/broker", "/keys/health": "swarm/health"}
-    assert broker["environment"] == {"JOULESWARM_BROKER_HOST": "0.0.0.0", "JOULESWARM_KEYS": "/keys"}
+    assert mounted_keys(broker) == {"/keys/broker": "keys-broker", "/keys/health": "keys-health"}
+    assert broker["environment"] == {
+        "JOULESWARM_BROKER_HOST": "0.0.0.0", "JOULESWARM_KEYS": "/keys", "JOULESWARM_BROKER_STATE": "/state",
+    }  # fmt: skip
     assert broker["depends_on"] == {"keys": {"condition": "service_healthy"}}
+
+
+@pytest.mark.parametrize("role", [role for role in CLIENTS if role != "recorder"])
+def test_a_process_remembers_its_rounds_when_its_container_is_killed(services: dict[str, Any], role: str) -> None:
+    assert services[role]["environment"]["JOULESWARM_STATE"] == "/state"
+    assert "/state" in services[role]["volumes"]
 
 
 def test_keys_are_made_where_the_others_look_for_them(services: dict[str, Any], tmp_path: Path) -> None:
     keys = services["keys"]
-    assert keys["volumes"] == ["./scenarios:/app/scenarios:ro", "keys:/keys"]
+    clients = ["broker", "health", *CLIENTS]
+    handed = [f"keys-{client}:/handed/{client}" for client in clients]
+    assert sorted(keys["volumes"]) == sorted(["./scenarios:/app/scenarios:ro", "keys:/keys", *handed])
+    for client in clients:
+        (tmp_path / "handed" / client).mkdir(parents=True)
     _, _, line = keys["command"]
+    line = line.replace("$$", "$").replace("/handed/", f"{tmp_path}/handed/")
     # The line itself, with other folders, and without the sleep.
     line = line.replace("/keys/", f"{tmp_path}/").replace("/tmp/made", f"{tmp_path}/made")
     line = line.replace("jouleswarm ", f"{sys.executable} -m fleet ").replace("exec sleep infinity", "echo stays")
@@ -116,7 +126,11 @@ def test_keys_are_made_where_the_others_look_for_them(services: dict[str, Any], 
         assert keys["healthcheck"]["test"] == ["CMD", "test", "-f", "/tmp/made"]
         assert (tmp_path / "made").exists()
     folders = {path.name for path in (tmp_path / "swarm").iterdir() if path.is_dir()}
-    assert folders == {"broker", "health", *CLIENTS}
+    assert folders == set(clients)
+    assert (tmp_path / "handed" / "agent-3" / "password").read_text() == (
+        tmp_path / "swarm" / "agent-3" / "password"
+    ).read_text()
+    assert not list((tmp_path / "handed").rglob("ca.key"))
 
 
 @pytest.mark.parametrize("role", ["datacenter", *ROBOTS])

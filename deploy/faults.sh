@@ -1,0 +1,87 @@
+#!/bin/sh
+# What Compose's containers survive: a deployment that nobody disturbs, then one in which a robot, the data center and
+# the broker are killed and started again, and a robot's network is taken away for a while. Both must end with the same
+# rounds and the same weights to the bit.
+#
+#   deploy/faults.sh                                         the toy scenario, in a few minutes
+#   COMPOSE_FILE=docker-compose.yml deploy/faults.sh         the paper's 12 robots, as JOULESWARM_SCENARIO says
+#
+# Needs docker compose, python3 and the built image (docker compose build). Its own project, removed at the end.
+set -eu
+cd "$(dirname "$0")/.."
+export COMPOSE_FILE="${COMPOSE_FILE:-docker-compose.yml:deploy/toy.compose.yml}"
+export COMPOSE_PROJECT_NAME=jouleswarm-faults
+export JOULESWARM_METRICS_PORT="${JOULESWARM_METRICS_PORT:-0}"
+# Robots may be away for longer than in a run that nobody disturbs; none reaches the target, so that there is time.
+export JOULESWARM_SET="${JOULESWARM_SET:-federation.target_reward=1000 federation.max_rounds=150 meta.t0=60}
+bus.connect_timeout_s=120 bus.resend_after_s=3"
+OUT="${OUT:-runs/compose-faults}"
+ROBOT="${ROBOT:-agent-2}" OTHER="${OTHER:-agent-4}" PAUSE_S="${PAUSE_S:-5}"
+
+say() { echo "faults: $*"; }
+end() { docker compose down --volumes --timeout 1 >/dev/null 2>&1; }
+trap end EXIT INT TERM
+
+rows() { # how many rows of a phase the recorder has written
+  docker compose exec -T recorder sh -c "cat /runs/*/*/rounds.jsonl 2>/dev/null" | grep -c "\"phase\":\"$1\"" || true
+}
+wait_for() { # phase, rows
+  while [ "$(rows "$1")" -lt "$2" ]; do
+    [ -n "$(docker compose ps -q --status running recorder)" ] || { say "the recorder has ended"; exit 1; }
+    sleep 0.5
+  done
+}
+again() { # service
+  say "killing $1, starting it again"
+  docker compose kill -s SIGKILL "$1" >/dev/null 2>&1
+  sleep "$PAUSE_S"
+  docker compose start "$1" >/dev/null 2>&1
+}
+finish() { # name
+  code=$(docker wait "$(docker compose ps -aq recorder)")
+  mkdir -p "$OUT/$1"
+  docker compose cp recorder:/runs/. "$OUT/$1" >/dev/null 2>&1
+  docker compose logs --no-color >"$OUT/$1/containers.log" 2>&1
+  [ "$code" = 0 ] || { say "the recorder ended with code $code, see $OUT/$1/containers.log"; exit 1; }
+  end
+}
+
+rm -rf "$OUT"
+say "undisturbed"
+docker compose up -d >/dev/null 2>&1
+finish undisturbed
+
+say "disturbed"
+docker compose up -d >/dev/null 2>&1
+wait_for maml 10
+again "$ROBOT"
+wait_for maml 30
+again datacenter
+wait_for maml 60
+again broker
+wait_for fl 40
+again "$ROBOT"
+wait_for fl 100
+say "taking $OTHER off its network for $PAUSE_S s"
+network="${COMPOSE_PROJECT_NAME}_bus" container="$(docker compose ps -q "$OTHER")"
+docker network disconnect "$network" "$container"
+sleep "$PAUSE_S"
+docker network connect --alias "$OTHER" "$network" "$container"
+wait_for fl 200
+again broker
+finish disturbed
+
+python3 - "$OUT" <<'PYTHON'
+import json, pathlib, sys
+
+def end(name):
+    (run,) = (path.parent for path in (pathlib.Path(sys.argv[1]) / name).rglob("summary.json"))
+    rows = [json.loads(line) for line in (run / "rounds.jsonl").read_text().splitlines()]
+    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    return rows, {path.name: path.read_bytes() for path in sorted((run / "weights").iterdir())}
+
+one, other = end("undisturbed"), end("disturbed")
+same = one == other
+print(f"faults: {len(one[0])} rows, {len(one[1])} models: {'identical' if same else 'DIFFERENT'}")
+sys.exit(not same)
+PYTHON
