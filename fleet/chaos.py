@@ -31,6 +31,7 @@ PHASES = ("starting", "meta-learning", "federated")
 # At most, from the beginning of a phase or the last recovery to the next fault.
 _DELAY_S = {"starting": 4.0, "meta-learning": 1.0, "federated": 2.0}
 _RESTARTS = 1000
+CSV = "chaos.csv"
 
 
 @dataclass
@@ -131,7 +132,7 @@ class Chaos:
 def plan_faults(count: int, kinds: Sequence[FaultKind], has_meta: bool) -> list[Fault]:
     """`count` faults, every kind in every phase in turn."""
     phases = PHASES if has_meta else (PHASES[0], PHASES[2])
-    pairs = [(kind, phase) for phase in phases for kind in kinds if _makes_sense(kind, phase, has_meta)]
+    pairs = [(kind, phase) for kind in kinds for phase in phases if _makes_sense(kind, phase, has_meta)]
     chosen = [pairs[index % len(pairs)] for index in range(count)]
     return [Fault(kind, phase) for kind, phase in chosen]
 
@@ -160,6 +161,7 @@ def run_chaos(
         for fault in chaos.done:
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
+        (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
         # Without a single fault the run is too short for what is left.
         if not left or not chaos.done:
             break

@@ -179,7 +179,7 @@ def chaos(
     import typing
 
     from common.scenario import load_scenario
-    from fleet.chaos import KINDS, chaos_csv, chaos_table, run_chaos
+    from fleet.chaos import CSV, KINDS, chaos_table, run_chaos
     from fleet.faults import FaultKind
 
     unknown = [each for each in kind or () if each not in KINDS]
@@ -193,8 +193,7 @@ def chaos(
     console = Console()
     done = run_chaos(settings, options, out, faults, seed, pause_s, chosen, console)
     console.print(chaos_table(done))
-    (out / "chaos.csv").write_text(chaos_csv(done), encoding="utf-8")
-    console.print(f"as CSV: {out / 'chaos.csv'}", highlight=False)
+    console.print(f"as CSV: {out / CSV}", highlight=False)
     if len(done) < faults or not all(fault.is_survived for fault in done):
         raise typer.Exit(1)
 
