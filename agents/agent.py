@@ -116,8 +116,7 @@ class Robot:
             "exchange": self.exchange,
         }
         round_ = self.memory.restore(arm.name, kept)
-        last = False
-        while not last:
+        while True:
             round_ += 1
             begun = time.monotonic()
             samples = self.explorer.collect(learner, scenario.learning.motions_per_round)
@@ -149,7 +148,9 @@ class Robot:
                 }
             )
             self.exchange.report(row)
-            if self.exchange.ahead and not last:
+            if last:
+                break
+            if self.exchange.ahead:
                 round_ = min(self.exchange.ahead, settings.max_rounds - 1)
                 learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)

@@ -29,8 +29,9 @@ PHASES = ("starting", "meta-learning", "federated")
 """`starting` lasts to the first row, `federated` from the first robot's row of an arm to the next stage."""
 
 # At most, from the beginning of a phase or the last recovery to the next fault.
-_DELAY_S = {"starting": 4.0, "meta-learning": 1.0, "federated": 2.0}
+_DELAY_S = {"starting": 1.0, "meta-learning": 1.0, "federated": 2.0}
 _RESTARTS = 1000
+_IDLE_RUNS = 3
 CSV = "chaos.csv"
 
 
@@ -153,6 +154,7 @@ def run_chaos(
     expected = outcome(out / "undisturbed")
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
     done: list[Fault] = []
+    idle = 0
     for number in itertools.count(1):
         chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng)
         run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
@@ -162,8 +164,8 @@ def run_chaos(
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
         (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
-        # Without a single fault the run is too short for what is left.
-        if not left or not chaos.done:
+        idle = 0 if chaos.done else idle + 1
+        if not left or idle == _IDLE_RUNS:  # they are too short for what is left
             break
     return done
 

@@ -117,7 +117,7 @@ def test_a_run_that_is_complete_is_not_gone_on_with(jouleswarm: Call, write_run:
     code, _, err = jouleswarm("run", "--resume", str(path))
     assert code == 2
     (line,) = err.splitlines()
-    assert "has no state/, so it is complete, or was recorded only; see its report" in line
+    assert "has no state/: it is complete, or was only recorded; see its report" in line
     assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
 
 

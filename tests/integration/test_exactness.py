@@ -107,7 +107,7 @@ def test_robots_as_threads_over_the_in_memory_bus_come_to_the_same_bits(
 ) -> None:
     run = request.getfixturevalue(name)
     outcome = run_in_memory(scenario_from(run.manifest["scenario"], "manifest"))
-    assert [row.model_dump(exclude={"seconds"}) for row in outcome.rows] == run.figures
+    assert [row.model_dump(mode="json", exclude={"seconds"}) for row in outcome.rows] == run.figures
     kept = {f"{arm}-task{task}.safetensors": payload for (arm, task), payload in outcome.learned.items()}
     kept |= {f"{arm}-meta-t{t0:04d}.safetensors": payload for (arm, t0), payload in outcome.snapshots.items()}
     assert kept == run.weights
