@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
+import math
 import random
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,12 +29,24 @@ from fleet.run import Options, run_deployment
 
 PHASES = ("starting", "meta-learning", "federated")
 """`starting` lasts to the first row, `federated` from the first robot's row of an arm to the next stage."""
+_PHASE_OF = {"maml": "meta-learning", "fl": "federated"}
 
-# At most, from the beginning of a phase or the last recovery to the next fault.
+# At most, from the beginning of a phase or the last recovery to the next fault. Of what a phase has left of its rows
+# half pass at most, so that a fast machine is not through with it before the fault.
 _DELAY_S = {"starting": 1.0, "meta-learning": 1.0, "federated": 2.0}
+_SHARE_OF_ROWS = 0.5
 _RESTARTS = 1000
 _IDLE_RUNS = 3
 CSV = "chaos.csv"
+
+
+@dataclass(frozen=True)
+class Due:
+    """When the next fault is due: at a time, or with a row, whichever comes first."""
+
+    phase: str
+    at_s: float
+    rows: float
 
 
 @dataclass
@@ -67,10 +81,12 @@ class Chaos:
     plan: list[Fault]
     pause_s: float
     rng: random.Random
+    rows_in: dict[str, int]
+    """Rows of each phase of the undisturbed run."""
     done: list[Fault] = field(default_factory=list)
     _open: Fault | None = None
     _rows: int = 0
-    _due: tuple[str, float] = ("", 0.0)
+    _due: Due | None = None
 
     @contextlib.contextmanager
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
@@ -93,19 +109,30 @@ class Chaos:
             self._look_at(self._open)
             return
         fault = next((each for each in self.plan if each.phase == phase), None)
-        if fault is None or phase != self._due[0]:
-            self._due = phase, now_s + self.rng.uniform(0, _DELAY_S[phase])
-        elif now_s >= self._due[1]:
+        if fault is None:
+            self._due = None
+        elif self._due is None or self._due.phase != phase:
+            self._due = self._draw(phase, now_s)
+        elif now_s >= self._due.at_s or self._rows_of(phase) >= self._due.rows:
             self.plan.remove(fault)
             self.done.append(fault)
             fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, self._recorder.elapsed_s
-            self._open, self._rows, self._due = fault, self._count(fault), ("", 0.0)
+            self._open, self._rows, self._due = fault, self._count(fault), None
 
     @property
     def phase(self) -> str:
         """Where the run is, by its newest row."""
         rows = self._recorder.rows
-        return "starting" if not rows else {"maml": "meta-learning", "fl": "federated"}[rows[-1].phase]
+        return _PHASE_OF[rows[-1].phase] if rows else "starting"
+
+    def _rows_of(self, phase: str) -> int:
+        return sum(_PHASE_OF[row.phase] == phase for row in self._recorder.rows)
+
+    def _draw(self, phase: str, now_s: float) -> Due:
+        so_far = self._rows_of(phase)
+        left = self.rows_in.get(phase, 0) - so_far
+        rows = so_far + self.rng.uniform(0, _SHARE_OF_ROWS) * left if left else math.inf
+        return Due(phase, now_s + self.rng.uniform(0, _DELAY_S[phase]), rows)
 
     def _look_at(self, fault: Fault) -> None:
         if fault.kind == "same robot twice":
@@ -152,11 +179,12 @@ def run_chaos(
     rng = random.Random(seed)
     run_deployment(scenario, options, "undisturbed", out, console, Options(restarts=0))
     expected = outcome(out / "undisturbed")
+    rows_in = Counter(_PHASE_OF[row["phase"]] for row in expected[0])
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
     done: list[Fault] = []
     idle = 0
     for number in itertools.count(1):
-        chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng)
+        chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng, rows_in)
         run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)

@@ -194,6 +194,9 @@ def chaos(
     done = run_chaos(settings, options, out, faults, seed, pause_s, chosen, console)
     console.print(chaos_table(done))
     console.print(f"as CSV: {out / CSV}", highlight=False)
+    if len(done) < faults:
+        missing = f"{faults - len(done)} of {faults} faults were not injected"
+        console.print(f"{missing}: the runs were over before their phase; use a longer scenario", highlight=False)
     if len(done) < faults or not all(fault.is_survived for fault in done):
         raise typer.Exit(1)
 
