@@ -18,7 +18,7 @@ class Absence:
         self._since_s = 0.0
 
     def gone(self, agent: int) -> None:
-        """The broker tells that a neighbour's connection broke off."""
+        """A neighbour's connection broke off; it is not waited for until it is heard of again."""
         self._gone.add(agent)
 
     def here(self, agent: int) -> None:
@@ -30,8 +30,9 @@ class Absence:
         self._since_s = time.monotonic()
 
     def waited_for(self, missing: Sequence[int]) -> list[int]:
-        """Those of the missing without whom it does not go on."""
+        """Those of the missing without whom it does not go on. For one of them it is waited once, not every round."""
         if not self.is_tolerated:
             return list(missing)
-        overdue = time.monotonic() - self._since_s >= self._after_s
-        return [] if overdue else [agent for agent in missing if agent not in self._gone]
+        if time.monotonic() - self._since_s >= self._after_s:
+            self._gone.update(missing)
+        return [agent for agent in missing if agent not in self._gone]

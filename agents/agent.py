@@ -154,7 +154,7 @@ class Robot:
                 round_ = min(self.exchange.ahead, settings.max_rounds - 1)
                 learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
-        if self.agent == min(scenario.cluster(self.task)):
+        if self.agent == min({*scenario.cluster(self.task)}.difference(self.exchange.missed)):
             self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))
         self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
 

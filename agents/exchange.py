@@ -240,6 +240,7 @@ class Exchange:
                 f"model of robot {header.agent}, task {header.task}, reward {header.reward}, rewards {header.rewards}, "
                 f"samples {header.samples}; expected robot {agent}, task {self.here.task}, its rewards and samples"
             )
+        self._absence.here(agent)
         # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
         if header.round <= self._gathered or agent in self._arrived.get(header.round, {}):
             self._listener.repeated(message, self.qos)

@@ -156,10 +156,12 @@ class Recorder:
         elif kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
-            name = learned_name(topics.arm_of(topic), topic.split("/")[4], self._scenario)
+            task = topic.split("/")[4]
+            name = learned_name(topics.arm_of(topic), task, self._scenario)
             check_model(message.payload)
             self._directory.weights(name, message.payload)
-            self._acknowledge(topic, client_of(min(self._scenario.cluster(int(topic.split("/")[4])))))
+            for agent in self._scenario.cluster(int(task)):  # the first of them, or the first that is left
+                self._acknowledge(topic, client_of(agent))
         elif kind == "snapshot":
             self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":

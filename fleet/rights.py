@@ -50,7 +50,7 @@ def robot_rights(scenario: Scenario, agent: int) -> list[Right]:
         ("read", topics.meta_model(_RUN, _ARM, agent)),
         ("read", topics.meta_round(_RUN, _ARM)),
     ]
-    if agent == min(scenario.cluster(task)):
+    if agent == min(scenario.cluster(task)) or scenario.federation.on_missing == "proceed":
         rights.append(("write", topics.learned(_RUN, _ARM, task)))
     return rights
 

@@ -53,11 +53,16 @@ class Running:
 class Table:
     """Robot 1 of a cluster of three, and the hands of the others."""
 
-    def __init__(self, resend_after_s: float = PATIENT_S) -> None:
+    def __init__(self, resend_after_s: float = PATIENT_S, federation: Federation | None = None) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2, 3), neighbours=(2, 3), diameter=1)
         self.exchange = Exchange(
-            self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=resend_after_s), Federation()
+            self.hub.connect("agent-1"),
+            RUN,
+            here,
+            SHAPES,
+            Bus(resend_after_s=resend_after_s),
+            federation or Federation(),
         )
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
@@ -426,3 +431,71 @@ def test_a_model_of_a_round_on_the_way_is_not_asked_for_before_the_stage_is_over
     assert decode_json(heard(ears).payload, RoundRequest) == RoundRequest(first=ME, last=ME)
     table.others.publish(topics.meta_model(RUN, "maml-t1", ME), meta_payload(1))
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
+
+
+def proceeding(missing_after_s: float = PATIENT_S) -> Table:
+    return Table(IMPATIENT_S, Federation(on_missing="proceed", missing_after_s=missing_after_s))
+
+
+def test_going_on_without_the_missing_a_neighbour_whose_connection_broke_off_is_left_out() -> None:
+    table = proceeding()
+    table.present(3, 0, "gone")
+    table.send(2, 1, 20.0)
+    assert table.values(1) == {2: 20.0}
+    assert table.exchange.missed == (3,)
+
+
+def test_going_on_without_the_missing_a_neighbour_that_says_nothing_is_left_out_after_the_deadline() -> None:
+    table = proceeding(missing_after_s=IMPATIENT_S)
+    table.send(3, 1, 30.0)
+    assert table.values(1) == {3: 30.0}
+    assert table.exchange.missed == (2,)
+
+
+def test_who_was_left_out_is_waited_for_again_once_its_weights_come() -> None:
+    table = proceeding()
+    table.present(3, 0, "gone")
+    table.send(2, 1, 20.0)
+    table.values(1)
+    table.send(3, 2, 30.0)
+    table.send(2, 2, 21.0)
+    assert table.values(2) == {2: 21.0, 3: 30.0}
+    assert table.exchange.missed == ()
+    table.send(2, 3, 22.0)
+    gathering = Running(lambda: table.values(3))
+    asked = table.listen(topics.resend(RUN, ARM, TASK, 3))  # it is waiting for robot 3, or it would not ask
+    assert decode_json(heard(asked).payload, RoundRequest) == RoundRequest(first=3, last=3)
+    table.send(3, 3, 31.0)
+    assert gathering.result() == {2: 22.0, 3: 31.0}
+
+
+def test_a_robot_that_finds_the_others_far_ahead_takes_up_their_model_and_their_round() -> None:
+    table = proceeding()
+    table.send(2, 5, 25.0)
+    assert table.values(1) == {}
+    assert table.exchange.missed == (2, 3)
+    assert table.exchange.ahead == 5
+    assert table.exchange.catch_up()["w"].tolist() == [25.0, 25.0]
+    assert table.exchange.ahead == 0
+    table.send(2, 6, 26.0)
+    table.send(3, 6, 36.0)
+    assert table.values(6) == {2: 26.0, 3: 36.0}
+
+
+def test_waiting_for_all_a_model_of_far_ahead_is_no_reason_to_go_on() -> None:
+    table = Table(IMPATIENT_S)
+    table.send(2, 5, 25.0)
+    gathering = Running(lambda: table.values(1))
+    heard(table.listen(topics.resend(RUN, ARM, TASK, 2)))
+    assert gathering.waits
+    assert table.exchange.ahead == 0
+    for agent in (2, 3):
+        table.send(agent, 1, float(agent))
+    assert gathering.result() == {2: 2.0, 3: 3.0}
+
+
+def test_who_is_gone_is_not_waited_for_at_the_end_of_an_arm_either() -> None:
+    table = proceeding()
+    table.present(2, 1)
+    table.present(3, 0, "gone")
+    Running(lambda: table.exchange.await_stage(1)).result()

@@ -95,3 +95,9 @@ def test_the_file_has_a_block_for_each_client() -> None:
     text = rights_file({"a": [("read", "x/+"), ("write", "y")], "b": []})
     assert text.splitlines()[1:] == ["", "user a", "topic read x/+", "topic write y", "", "user b"]
     assert text.startswith("# ")
+
+
+def test_going_on_without_the_missing_every_robot_may_hand_in_its_cluster_s_model() -> None:
+    scenario = load_scenario(ROOT / "scenarios" / "toy.toml", ["federation.on_missing=proceed"])
+    right = ("write", topics.learned(RUN, ARM, 1))
+    assert {client for client, own in rights_of(scenario).items() if right in own} == {"agent-1", "agent-2"}

@@ -1,0 +1,93 @@
+"""`federation.on_missing = "proceed"`: a robot that is gone is left out, and taken back when it returns."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from common.runlog import RoundRow
+from common.scenario import load_scenario
+from fleet.launcher import Launcher
+from fleet.recorder import Recorder
+from fleet.run import Options, run_deployment
+from tests.integration.conftest import DEADLINE_S, ROOT, TOY, sets
+
+PROCEED = (
+    "methods=['fl']", "federation.on_missing=proceed", "federation.missing_after_s=1", "bus.resend_after_s=1",
+    "federation.target_reward=1000", "learning.motions_per_round=6", "learning.batches_per_round=4",
+)  # fmt: skip
+
+
+class Hand:
+    """An intruder who sends robot 1 a signal in round 2 and, with `then`, another when robot 2 has come to round 6."""
+
+    def __init__(self, first: signal.Signals, then: signal.Signals | None = None) -> None:
+        self.left = [(1, 2, first)] + ([(2, 6, then)] if then else [])
+
+    @contextlib.contextmanager
+    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
+        self.launcher, self.recorder = launcher, recorder
+        yield url
+
+    def tick(self) -> None:
+        if self.left:
+            agent, round_, what = self.left[0]
+            if any(row.agent == agent and row.round >= round_ for row in self.recorder.rows):
+                os.kill(self.launcher.pids["agent-1"], what)
+                del self.left[0]
+
+
+def deploy(out: Path, hand: Hand, *overrides: str) -> Path:
+    changes = (*PROCEED, *overrides)
+    options = ["--scenario", str(TOY), *sets(*changes)]
+    path = run_deployment(
+        load_scenario(TOY, changes), options, "r", out, Console(quiet=True), Options(restarts=0, intruder=hand)
+    )
+    assert hand.left == []
+    return path
+
+
+def rows_of(run: Any, agent: int) -> list[RoundRow]:
+    return [RoundRow.model_validate(row) for row in run.lines("rounds.jsonl") if row["agent"] == agent]
+
+
+def test_the_others_go_on_without_a_robot_that_dies_and_hand_in_their_model(
+    start: Any, read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    path = deploy(tmp_path, Hand(signal.SIGKILL), "federation.max_rounds=30")
+    run = read_run(path)
+    dead, widowed, elsewhere = (rows_of(run, agent) for agent in (1, 2, 3))
+    assert dead[-1].round < 30
+    assert [row.round for row in widowed] == list(range(1, 31))
+    assert widowed[0].missed == ()
+    assert {row.missed for row in widowed[dead[-1].round + 1 :]} == {(1,)}
+    assert {row.missed for row in elsewhere} == {()}
+    assert (path / "weights" / "fl-task1.safetensors").exists()
+    assert run.summary["status"] == "complete"
+    report = start.jouleswarm("report", str(path))
+    assert report.ends(DEADLINE_S) == 0, report.printed
+    assert "robot 2 without 1 in" in " ".join(report.printed.split())
+
+
+def test_a_robot_that_was_stopped_comes_back_into_the_rounds_of_the_others(
+    read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    path = deploy(tmp_path, Hand(signal.SIGSTOP, signal.SIGCONT), "federation.max_rounds=300")
+    run = read_run(path)
+    away, other = rows_of(run, 1), rows_of(run, 2)
+    assert [row.round for row in other] == list(range(1, 301))
+    assert {row.missed for row in other} == {(), (1,)}
+    assert other[-2].missed == ()
+    rounds = [row.round for row in away]
+    assert len(rounds) < 300, "it missed some"
+    assert rounds == sorted(set(rounds)), "none twice"
+    assert rounds[-1] == 300
