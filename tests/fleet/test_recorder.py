@@ -154,8 +154,9 @@ def test_what_must_not_be_missed_is_acknowledged_once_it_is_written_down(table: 
     table.others.publish(topics.learned(RUN, "fl", 1), learned)
     table.others.publish(topics.snapshot(RUN, "maml", 1), meta)
     table.report("agent-2")
-    assert table.acknowledged("agent-1") == [topics.learned(RUN, "fl", 1)]  # the cluster's first robot hands it in
-    assert table.acknowledged("agent-2") == [topics.meter_report(RUN, "agent-2")]
+    # The cluster's first robot hands it in, or another where that one is gone.
+    assert table.acknowledged("agent-1") == [topics.learned(RUN, "fl", 1)]
+    assert table.acknowledged("agent-2") == [topics.learned(RUN, "fl", 1), topics.meter_report(RUN, "agent-2")]
     assert table.acknowledged("datacenter") == [topics.snapshot(RUN, "maml", 1)]
     table.report("agent-2")  # the acknowledgement was lost
     assert table.acknowledged("agent-2") == [topics.meter_report(RUN, "agent-2")]
