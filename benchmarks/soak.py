@@ -148,7 +148,7 @@ def soak(robots: int, minutes: float, every_s: float, out: Path | None, parent: 
         early = run.poll() is not None
     finally:
         if run.poll() is None:
-            os.kill(run.pid, signal.SIGINT)
+            os.kill(run.pid, signal.SIGTERM)  # a shell starts background jobs deaf to SIGINT
         run.wait(120)
     if early or not samples:
         print((parent / "output.txt").read_text()[-2000:])
