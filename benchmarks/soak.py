@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,7 +123,7 @@ def messages_amiss(folder: Path) -> list[str]:
     last = [json.loads(line) for line in (folder / "rounds.jsonl").read_text().splitlines()[-200:]]
     logs = "".join(path.read_text(errors="replace") for path in (folder / "logs").iterdir())
     weights = [row for row in rows if row["side"] == "broker" and row["link"] == "sidelink"]
-    by_topic: dict[str, dict[str, int]] = defaultdict(lambda: {"in": 0, "out": 0})
+    by_topic: dict[str, Counter[str]] = defaultdict(Counter)
     for row in weights:
         by_topic[row["topic"]][row["direction"]] += row["messages"]
     lost = {topic: ways for topic, ways in by_topic.items() if missing(ways["in"], ways["out"])}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks.soak import MEGABYTE, Sample, missing, trend
+import json
+from pathlib import Path
+
+from benchmarks.soak import MEGABYTE, Sample, messages_amiss, missing, trend
 
 
 def samples(*points: tuple[int, float, int]) -> list[Sample]:
@@ -25,3 +28,28 @@ def test_a_message_is_missing_unless_it_can_be_the_last_rounds() -> None:
     # 100 messages to 2 neighbours each; the run was ended in the middle of the last round
     assert [missing(100, delivered) for delivered in (200, 199, 198, 197)] == [False, False, False, True]
     assert missing(0, 0)
+
+
+def run_of(folder: Path, topic: str, **messages: int) -> Path:
+    """A run directory in which the broker has counted so many messages on a topic, by direction."""
+    rows = [
+        {"side": "broker", "link": "sidelink", "topic": topic, "direction": direction, "messages": count}
+        for direction, count in messages.items()
+    ]
+    (folder / "meter.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (folder / "rounds.jsonl").write_text('{"refused": 0}\n')
+    (folder / "logs").mkdir()
+    return folder
+
+
+def test_acknowledgements_are_no_deliveries(tmp_path: Path) -> None:
+    assert messages_amiss(run_of(tmp_path, "a/weights", **{"in": 100, "out": 200, "acked": 190})) == []
+
+
+def test_messages_that_were_not_delivered_are_amiss(tmp_path: Path) -> None:
+    (found,) = messages_amiss(run_of(tmp_path, "a/weights", **{"in": 100, "out": 190, "acked": 190}))
+    assert found.startswith("messages lost: {'a/weights'")
+
+
+def test_a_request_to_send_again_is_amiss(tmp_path: Path) -> None:
+    assert messages_amiss(run_of(tmp_path, "a/resend", **{"in": 1, "out": 1})) == ["requests to send again"]
