@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
+import secrets
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -62,7 +64,11 @@ class Grants:
 
 
 class Guard:
-    """Checks logins against users and passwords, in threads: a login never keeps the event loop from traffic."""
+    """Checks logins against users and passwords, in threads: a login never keeps the event loop from traffic.
+
+    Who has shown a password once is let in by it at once from then on: many that come back together, or that try again
+    because an overloaded machine was too slow for them, do not have to be verified over and over.
+    """
 
     def __init__(self, users: Users, rights: Rights, timeout_s: float) -> None:
         self._users, self._rights, self._timeout_s = users, rights, timeout_s
@@ -70,6 +76,7 @@ class Guard:
         # Verified for a user that does not exist, so that the time does not tell.
         self._nobody = self._hasher.hash("")
         self._threads = ThreadPoolExecutor(VERIFICATIONS, "login")
+        self._key, self._verified = secrets.token_bytes(32), dict[str, bytes]()
 
     async def admit(self, session: Any, refused: Callable[[str], None]) -> Grants:
         """The rights of a client that may connect.
@@ -78,13 +85,7 @@ class Guard:
             Refused: wrong user or password, or a client id, certificate or last will that is not the user's own.
         """
         user, client_id = session.username or "", session.client_id
-        try:
-            async with asyncio.timeout(self._timeout_s):
-                loop = asyncio.get_running_loop()
-                known = await loop.run_in_executor(self._threads, self._verify, user, session.password or "")
-        except TimeoutError:
-            raise Refused(UNAVAILABLE, f"too many logins to verify within {self._timeout_s:g} s") from None
-        if not known:
+        if not await self._is_known(user, session.password or ""):
             raise Refused(BAD_CREDENTIALS, f"user {user!r}: no such user, or not its password")
         if name_of(client_id) != user:
             raise Refused(NOT_AUTHORIZED, f"user {user!r} with the client id {client_id!r}; expected its own name")
@@ -100,12 +101,29 @@ class Guard:
         """No more logins."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
+    async def _is_known(self, user: str, password: str) -> bool:
+        if hmac.compare_digest(self._verified.get(user, b""), self._digest(password)):
+            return True
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                loop = asyncio.get_running_loop()
+                return await loop.run_in_executor(self._threads, self._verify, user, password)
+        except TimeoutError:
+            raise Refused(UNAVAILABLE, f"too many logins to verify within {self._timeout_s:g} s") from None
+
     def _verify(self, user: str, password: str) -> bool:
         known = self._users.get(user)
         try:
-            return self._hasher.verify(known or self._nobody, password) and known is not None
+            self._hasher.verify(known or self._nobody, password)
         except Argon2Error:
             return False
+        if known is not None:
+            self._verified[user] = self._digest(password)
+        return known is not None
+
+    def _digest(self, password: str) -> bytes:
+        # By a key that only this process has: of no use to who reads it elsewhere.
+        return hmac.digest(self._key, password.encode(), "sha256")
 
 
 def common_name(tls: Any) -> str | None:

@@ -214,7 +214,8 @@ class MqttBus:
 
     def _new_paho(self, address: BrokerAddress, credentials: Credentials | None) -> FastClient:
         client = FastClient(wire_id(self.client))
-        client.connect_timeout = CONNECT_ATTEMPT_S
+        # On a machine that has too much to do a handshake takes long, and one that is given up was for nothing.
+        client.connect_timeout = max(CONNECT_ATTEMPT_S, self._give_up_s / 3)
         if credentials is not None and not address.tls:
             raise ConfigurationError(
                 f"broker {address} with keys: the password would go unencrypted; expected mqtts://HOST:PORT"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
+from broker.access import Guard, Refused, load_guard
 from common import topics
 from common.errors import ConfigurationError
 from common.keys import Credentials, credentials_of
@@ -210,3 +213,50 @@ def test_users_and_rights_work_without_tls(start_broker, bus, keys, own):
     robot.close()
     with pytest.raises(ConfigurationError, match="refused a client without user and password"):
         MqttBus.connect(broker.url, "agent-1")
+
+
+@pytest.fixture
+def guard(keys):
+    guard = load_guard(keys / "broker" / "users", keys / "broker" / "rights", timeout_s=20)
+    yield guard
+    guard.close()
+
+
+def let_in(guard: Guard, user: str, password: str) -> bool:
+    session = SimpleNamespace(username=user, client_id=user, password=password, ssl_object=None, will_flag=False)
+    try:
+        asyncio.run(guard.admit(session, lambda _: None))
+    except Refused:
+        return False
+    return True
+
+
+@pytest.fixture
+def verifications(guard, monkeypatch):
+    """Users of whom a password was verified, in order."""
+    seen, verify = [], guard._verify
+    monkeypatch.setattr(guard, "_verify", lambda user, password: seen.append(user) or verify(user, password))
+    return seen
+
+
+def test_who_comes_back_with_its_password_is_let_in_without_another_verification(guard, own, verifications):
+    password = own("agent-1").password
+    assert [let_in(guard, "agent-1", password) for _ in range(3)] == [True] * 3
+    assert verifications == ["agent-1"]
+
+
+def test_another_password_is_refused_after_the_right_one_and_does_not_replace_it(guard, own, verifications):
+    password = own("agent-1").password
+    given = (password, "guess", "", own("agent-2").password, password)
+    assert [let_in(guard, "agent-1", each) for each in given] == [True, False, False, False, True]
+    assert verifications == ["agent-1"] * 4
+
+
+def test_what_was_refused_once_is_refused_again(guard, verifications):
+    assert [let_in(guard, user, "guess") for user in ("agent-1", "agent-1", "nobody", "nobody")] == [False] * 4
+    assert len(verifications) == 4
+
+
+def test_one_users_password_lets_no_other_in(guard, own):
+    assert let_in(guard, "agent-1", own("agent-1").password)
+    assert not let_in(guard, "agent-2", own("agent-1").password)
