@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +12,9 @@ from common.learner import Weights
 from common.meter import Meter
 from common.scenario import Scenario
 from common.state import STATE_FILE, Keep, State, StateFile, Stateful
+
+_ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
+_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*")
 
 
 class Memory:
@@ -33,12 +37,12 @@ class Memory:
     @property
     def rows(self) -> Path | None:
         """File for the rows of the run log."""
-        return self._folder / "rounds.jsonl" if self._folder else None
+        return self._folder / _ROWS if self._folder else None
 
     @property
     def frames(self) -> Path | None:
         """File for the frames of the replay memory."""
-        return self._folder / "frames.bin" if self._folder else None
+        return self._folder / _FRAMES if self._folder else None
 
     def is_past(self, arm: str, arms: tuple[str, ...]) -> bool:
         """Whether the robot was in an arm after `arm` already."""
@@ -75,9 +79,10 @@ class Memory:
     def clear(self) -> None:
         """The run is over: leave no trace, unless who started this process will see to it."""
         if self._folder is not None and not self._keep.at_the_end:
-            for path in self._folder.iterdir():
+            for path in (path for own in _OWN_FILES for path in self._folder.glob(own)):
                 path.unlink()
-            self._folder.rmdir()
+            with contextlib.suppress(OSError):  # somebody else's files are in it, or a volume is mounted there
+                self._folder.rmdir()
 
     @property
     def _place(self) -> dict[str, Any]:

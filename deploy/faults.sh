@@ -14,11 +14,17 @@ export COMPOSE_PROJECT_NAME=jouleswarm-faults
 export JOULESWARM_METRICS_PORT="${JOULESWARM_METRICS_PORT:-0}"
 # Robots may be away for longer than in a run that nobody disturbs; none reaches the target, so that there is time.
 export JOULESWARM_SET="${JOULESWARM_SET:-federation.target_reward=1000 federation.max_rounds=150 meta.t0=60}
-bus.connect_timeout_s=120 bus.resend_after_s=3"
+bus.connect_timeout_s=600 bus.resend_after_s=3"
 OUT="${OUT:-runs/compose-faults}"
 ROBOT="${ROBOT:-agent-2}" OTHER="${OTHER:-agent-4}" PAUSE_S="${PAUSE_S:-5}"
 
 say() { echo "faults: $*"; }
+fail() { # what has happened
+  mkdir -p "$OUT"
+  docker compose logs --no-color >"$OUT/failed.log" 2>&1
+  say "$*, see $OUT/failed.log"
+  exit 1
+}
 end() { docker compose down --volumes --timeout 1 >/dev/null 2>&1; }
 trap end EXIT INT TERM
 
@@ -27,7 +33,7 @@ rows() { # how many rows of a phase the recorder has written
 }
 wait_for() { # phase, rows
   while [ "$(rows "$1")" -lt "$2" ]; do
-    [ -n "$(docker compose ps -q --status running recorder)" ] || { say "the recorder has ended"; exit 1; }
+    [ -n "$(docker compose ps -q --status running recorder)" ] || fail "the recorder has ended"
     sleep 0.5
   done
 }
@@ -42,7 +48,7 @@ finish() { # name
   mkdir -p "$OUT/$1"
   docker compose cp recorder:/runs/. "$OUT/$1" >/dev/null 2>&1
   docker compose logs --no-color >"$OUT/$1/containers.log" 2>&1
-  [ "$code" = 0 ] || { say "the recorder ended with code $code, see $OUT/$1/containers.log"; exit 1; }
+  [ "$code" = 0 ] || fail "the recorder ended with code $code"
   end
 }
 

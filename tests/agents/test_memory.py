@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,23 @@ def test_a_robot_that_has_left_leaves_no_trace(tmp_path: Path) -> None:
     first.rows.write_text("row\n")
     first.clear()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_has_left_leaves_somebody_elses_files_and_their_folder(tmp_path: Path) -> None:
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "state.txt").write_text("mine")
+    first = memory(tmp_path)
+    first.begin("fl", START)
+    first.clear()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes", "state.txt"]
+
+
+def test_a_folder_that_cannot_be_removed_is_left_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def mounted(path: Path) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    monkeypatch.setattr(Path, "rmdir", mounted)
+    first = memory(tmp_path / "volume")
+    first.begin("fl", START)
+    first.clear()
+    assert list((tmp_path / "volume").iterdir()) == []
