@@ -1,0 +1,68 @@
+"""One large message to one subscriber by the embedded broker, with access control (TLS, users, rights) and without.
+
+    python -m benchmarks.tls [--rounds 40]
+
+Sender and receiver are two clients of one process. Each round measures both brokers one after the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from benchmarks.broker_start import embedded
+from benchmarks.broker_throughput import WEIGHTS_BYTES
+from common import topics
+from common.keys import Credentials, credentials_of
+from common.mqtt import MqttBus
+from common.scenario import load_scenario
+from fleet.keys import make_keys
+
+TOPIC = topics.weights("bench", "fl", 1, 1)
+WARM_UP = 3
+
+
+class Pair:
+    """Robot 1, who sends, and robot 2, who receives."""
+
+    def __init__(self, url: str, keys: Path | None, stack: ExitStack) -> None:
+        def connect(client: str) -> MqttBus:
+            credentials: Credentials | None = credentials_of(keys, client)
+            return stack.enter_context(closing(MqttBus.connect(url, client, credentials=credentials)))
+
+        self._sender, self._receiver = connect("agent-1"), connect("agent-2")
+        self._receiver.subscribe(TOPIC)
+
+    def seconds(self, payload: bytes) -> float:
+        """From the word to send until the message has been received."""
+        begun_s = time.perf_counter()
+        self._sender.publish(TOPIC, payload)
+        self._receiver.receive()
+        return time.perf_counter() - begun_s
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=40)
+    rounds = parser.parse_args().rounds
+    payload = os.urandom(WEIGHTS_BYTES)
+    with ExitStack() as stack:
+        keys = Path(stack.enter_context(tempfile.TemporaryDirectory()), "keys")
+        make_keys(load_scenario(Path("scenarios/toy.toml")), keys, ["127.0.0.1", "localhost"], days=1)
+        guarded = stack.enter_context(embedded("--keys", str(keys)))
+        plain = stack.enter_context(embedded())
+        pairs = Pair(guarded.url, keys, stack), Pair(plain.url, None, stack)
+        taken = [[pair.seconds(payload) for pair in pairs] for _ in range(WARM_UP + rounds)][WARM_UP:]
+    with_access, without = (statistics.median(column) for column in zip(*taken, strict=True))
+    ratio = statistics.median(one / other for one, other in taken)
+    print(f"{WEIGHTS_BYTES / 1e6:.2f} MB to one subscriber: {1e3 * with_access:.1f} ms with access control, ", end="")
+    print(f"{1e3 * without:.1f} ms without; median ratio {ratio:.2f}")
+
+
+if __name__ == "__main__":
+    main()
