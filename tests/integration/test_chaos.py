@@ -138,7 +138,7 @@ def test_robots_that_are_killed_come_back_to_the_same_end_and_no_byte_is_lost_fr
 def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) -> None:
     kinds = ("--kind", "robot killed", "--kind", "broker killed")
     options = ("--faults", "6", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))
-    long_enough = sets((*LONGER, "federation.max_rounds=40"))
+    long_enough = sets((*LONGER, "federation.max_rounds=100"))
     process = start.jouleswarm("chaos", TOY, *options, *kinds, *long_enough)
     assert process.ends(500) == 0, process.printed
     assert "6 faults, 6 of them in runs with an identical end" in " ".join(process.printed.split())
