@@ -26,7 +26,7 @@ logger = logging.getLogger("bus")
 UNSENT_LIMIT_BYTES = 64 * 1024 * 1024
 UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
-CONNECT_ATTEMPT_S = 3.0
+CONNECT_ATTEMPT_MIN_S, CONNECT_ATTEMPT_MAX_S = 3.0, 10.0  # at most as long as the broker waits for a CONNECT
 CLOSE_TIMEOUT_S = 5.0
 _REFUSED = 128
 
@@ -215,7 +215,7 @@ class MqttBus:
     def _new_paho(self, address: BrokerAddress, credentials: Credentials | None) -> FastClient:
         client = FastClient(wire_id(self.client))
         # On a machine that has too much to do a handshake takes long, and one that is given up was for nothing.
-        client.connect_timeout = max(CONNECT_ATTEMPT_S, self._give_up_s / 3)
+        client.connect_timeout = max(CONNECT_ATTEMPT_MIN_S, min(self._give_up_s / 3, CONNECT_ATTEMPT_MAX_S))
         if credentials is not None and not address.tls:
             raise ConfigurationError(
                 f"broker {address} with keys: the password would go unencrypted; expected mqtts://HOST:PORT"

@@ -18,6 +18,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from common.runlog import RoundRow
 from common.scenario import Scenario
 from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
@@ -85,8 +86,11 @@ class Chaos:
     """Rows of each phase of the undisturbed run."""
     done: list[Fault] = field(default_factory=list)
     _open: Fault | None = None
-    _rows: int = 0
+    _before: int = 0
+    """Rows at the open fault's injection, as `_count` counts them."""
     _due: Due | None = None
+    _rows: list[RoundRow] = field(default_factory=list)
+    """As they were at the beginning of this tick: the recorder reads them from its file."""
 
     @contextlib.contextmanager
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
@@ -104,6 +108,7 @@ class Chaos:
     def tick(self) -> None:
         """Inject a fault of the phase that the run is in, and see whether the last one has been got over."""
         self._site.tick()
+        self._rows = self._recorder.rows
         now_s, phase = time.monotonic(), self.phase
         if self._open is not None:
             self._look_at(self._open)
@@ -117,16 +122,15 @@ class Chaos:
             self.plan.remove(fault)
             self.done.append(fault)
             fault.target, fault.run, fault.at_s = inject(fault.kind, self._site), self.run, self._recorder.elapsed_s
-            self._open, self._rows, self._due = fault, self._count(fault), None
+            self._open, self._before, self._due = fault, self._count(fault), None
 
     @property
     def phase(self) -> str:
         """Where the run is, by its newest row."""
-        rows = self._recorder.rows
-        return _PHASE_OF[rows[-1].phase] if rows else "starting"
+        return _PHASE_OF[self._rows[-1].phase] if self._rows else "starting"
 
     def _rows_of(self, phase: str) -> int:
-        return sum(_PHASE_OF[row.phase] == phase for row in self._recorder.rows)
+        return sum(_PHASE_OF[row.phase] == phase for row in self._rows)
 
     def _draw(self, phase: str, now_s: float) -> Due:
         so_far = self._rows_of(phase)
@@ -145,16 +149,15 @@ class Chaos:
         elif fault.target not in ("broker", *self._recorder.waiting_for) and fault.target in self._site.launcher.pids:
             self._open = None  # it has left: there is nothing more to come from it
             return
-        elif self._count(fault) <= self._rows:
+        elif self._count(fault) <= self._before:
             return
         fault.recovery_s, self._open = self._recorder.elapsed_s - fault.at_s, None
 
     def _count(self, fault: Fault) -> int:
         """Rows so far of whom the fault was done to."""
-        rows = self._recorder.rows
         if fault.target.startswith("agent-"):
-            return sum(f"agent-{row.agent}" == fault.target for row in rows)
-        return sum(row.agent == 0 for row in rows) if fault.target == "datacenter" else len(rows)
+            return sum(f"agent-{row.agent}" == fault.target for row in self._rows)
+        return sum(row.agent == 0 for row in self._rows) if fault.target == "datacenter" else len(self._rows)
 
 
 def plan_faults(count: int, kinds: Sequence[FaultKind], has_meta: bool) -> list[Fault]:
