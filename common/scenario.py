@@ -184,6 +184,18 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     return scenario_from(data, str(path))
 
 
+def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> Scenario:
+    """A scenario with `section.key=value` overrides; `where` names its origin in errors.
+
+    Raises:
+        ConfigurationError: as `load_scenario`.
+    """
+    data = scenario.model_dump(mode="json")
+    for override in overrides:
+        _apply(data, override)
+    return scenario_from(data, where)
+
+
 def scenario_from(data: dict[str, Any], where: str) -> Scenario:
     """Validate a scenario given as plain data; `where` names its origin in errors."""
     try:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from common.errors import StudyError
+from studies.codecs import KIND as CODECS
 from studies.kinds import Kind
 from studies.paper_study import KIND as PAPER
-from studies.point_studies import BASELINES, CODECS, REGIMES, SENSITIVITY
+from studies.point_studies import BASELINES, REGIMES, SENSITIVITY
 from studies.similarity import KIND as SIMILARITY
 
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (PAPER, BASELINES, SENSITIVITY, REGIMES, SIMILARITY, CODECS)}

@@ -60,11 +60,21 @@ Keep = Annotated[bool, typer.Option("--keep", help="Keep weights and logs of eve
 @study.command()
 def tables(
     results_directory: Annotated[Path, typer.Argument(help="A results folder of a study.")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="energy.KEY=VALUE", help="Other prices or carbon intensities. May be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for what is made; default the same. Needed where --set is.")
+    ] = None,
 ) -> None:
-    """Make a study's tables and figures again from its facts.csv. Nothing is run."""
-    from studies.run import make_tables
+    """Make a study's tables and figures again from its facts.csv, at other prices too. Nothing is run.
 
-    _list(make_tables(results_directory))
+    With energy.datacenter_g_per_kwh and energy.robots_g_per_kwh the tables have gCO2e beside joules.
+    """
+    from studies.run import make_tables, reprice
+
+    _list(reprice(results_directory, set_ or [], out) if set_ or out else make_tables(results_directory))
 
 
 def _command(name: StudyName) -> Callable[..., None]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from common.energy import BITS_PER_BYTE
 from common.settings import Energy
 from studies.arms import failures_of, tasks_of
+from studies.carbon import carbon_columns, carbon_estimates, carbon_headings
 from studies.estimates import Estimate, estimate
 from studies.facts import Fact
 from studies.prices import Causes, causes, moved_bytes, runs_of, task_stages
@@ -34,6 +35,8 @@ class Line(NamedTuple):
     """Joules by the fields of `prices.Causes`."""
     total: Estimate
     bits: Estimate
+    carbon: tuple[Estimate | None, ...]
+    """Grams by site and together; empty where no intensity is set."""
     not_learned: int
     trials: int
 
@@ -59,6 +62,7 @@ def line_of(facts: Sequence[Fact], variant: str, arm: str, energy: Energy) -> Li
         causes=tuple(estimate(values) for values in zip(*spent, strict=True)),
         total=estimate(each.total_j for each in spent),
         bits=estimate(BITS_PER_BYTE * moved_bytes(run) for run in runs),
+        carbon=carbon_estimates(runs, energy),
         not_learned=not_learned,
         trials=trials,
     )
@@ -68,11 +72,12 @@ def comparison_csv(facts: Sequence[Fact], energy: Energy) -> Table:
     """All lines for programs; joules and bits, a column of 95% half widths after each mean."""
     rows: list[tuple[Cell, ...]] = []
     for line in lines(facts, energy):
-        estimates = (line.rounds, line.success, *line.causes, line.total, line.bits)
+        estimates = (line.rounds, line.success, *line.causes, line.total, line.bits, *line.carbon)
         cells = [cell for each in estimates for cell in spread(each)]
         rows.append((line.variant, line.arm, line.t0, *cells, line.rounds.n, line.not_learned, line.trials))
     names = ("rounds", "success", *Causes._fields, "total_j", "bits")
     columns = [column for name in names for column in (name, f"{name}_ci95")]
+    columns += carbon_columns(energy)
     return Table("Comparison", ("variant", "arm", "t0", *columns, "seeds", "not_learned", "trials"), rows)
 
 
@@ -86,7 +91,8 @@ def comparison_markdown(facts: Sequence[Fact], energy: Energy, title: str) -> Ta
         head = (line.variant, line.arm) if varied else (line.arm,)
         told = (estimate_text(line.rounds), estimate_text(line.success, 0.01))
         counted = failures_text(line.not_learned, line.trials)
-        rows.append((*head, *told, *cells, estimate_text(line.bits, 1e9), counted))
+        grams = [estimate_text(each) for each in line.carbon]
+        rows.append((*head, *told, *cells, estimate_text(line.bits, 1e9), *grams, counted))
     head = ("variant", "arm") if varied else ("arm",)
-    units = (*(f"{name} (kJ)" for name in _CAUSE_NAMES), "E (kJ)", "Gbit")
+    units = (*(f"{name} (kJ)" for name in _CAUSE_NAMES), "E (kJ)", "Gbit", *carbon_headings(energy))
     return Table(title, (*head, "rounds", "learned (%)", *units, "not learned"), rows, (_CENSORED,))

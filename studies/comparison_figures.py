@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -40,14 +41,14 @@ def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Map
         what: name of what was varied.
         variants: its value, as shown, -> the variant that has it. Values without facts are left out.
     """
-    measured = {fact.variant for fact in facts}
-    shown = {value: variant for value, variant in variants.items() if variant in measured}
+    shown = measured_variants(facts, variants)
     arms = list(dict.fromkeys(fact.arm for fact in facts))
     figure = blank(2.5)
     for axes, (label, part) in zip(figure.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
         for place, arm in enumerate(arms):
             held = [line_of(facts, variant, arm, energy) for variant in shown.values()]
-            _bars(axes, place, len(arms), held, part)
+            failed = [line.not_learned for line in held]
+            bars(axes, place, len(arms), [part(line) for line in held], METHOD_COLOURS[method_of(arm)], failed)
         axes.set_xticks(range(len(shown)), list(shown))
         axes.set_xlabel(what)
         axes.set_ylabel(label)
@@ -55,6 +56,37 @@ def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Map
     handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
     return figure
+
+
+def measured_variants(facts: Sequence[Fact], variants: Mapping[str, str]) -> dict[str, str]:
+    """Those of a group's values that have facts, value -> variant."""
+    measured = {fact.variant for fact in facts}
+    return {value: variant for value, variant in variants.items() if variant in measured}
+
+
+def bars(
+    axes: Axes, place: int, among: int, found: Sequence[Estimate], colour: str, not_learned: Sequence[int] = ()
+) -> BarContainer:
+    """One arm's bars with their intervals, beside those of the other arms; how many tasks were not learned above.
+
+    Args:
+        axes: what is drawn on; zero is its bottom, and no interval goes below.
+        place: of the arm, from 0.
+        among: how many arms there are.
+        found: a mean and interval for each value on the x axis.
+        colour: of the arm.
+        not_learned: tasks that were not learned, for each value; empty for none.
+    """
+    width = _ALL_WIDTH / among
+    at = [x + (place - (among - 1) / 2) * width for x in range(len(found))]
+    means = [each.mean for each in found]
+    above = [each.ci95 or 0.0 for each in found]
+    below = [min(half, mean) for half, mean in zip(above, means, strict=True)]
+    drawn = axes.bar(at, means, width, color=colour, yerr=[below, above], ecolor=INK, capsize=2)
+    for x, mean, half, failed in zip(at, means, above, not_learned, strict=False):
+        if failed:
+            axes.annotate(f"{failed}×", (x, mean + half), fontsize=6, ha="center", va="bottom")
+    return drawn
 
 
 def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
@@ -80,18 +112,6 @@ def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
     handles = [Patch(facecolor=colour, label=name) for name, colour in _CAUSES.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(_CAUSES))
     return figure
-
-
-def _bars(axes: Axes, place: int, among: int, held: Sequence[Line], part: Callable[[Line], Estimate]) -> None:
-    width = _ALL_WIDTH / among
-    for x, line in enumerate(held):
-        found = part(line)
-        at = x + (place - (among - 1) / 2) * width
-        colour = METHOD_COLOURS[method_of(line.arm)]
-        axes.bar(at, found.mean, width, color=colour, yerr=found.ci95 or 0.0, ecolor=INK, capsize=2)
-        if line.not_learned:
-            top = found.mean + (found.ci95 or 0.0)
-            axes.annotate(f"{line.not_learned}×", (at, top), fontsize=6, ha="center", va="bottom")
 
 
 def _scaled(found: Estimate, factor: float) -> Estimate:

@@ -9,6 +9,7 @@ from common.settings import Energy
 from fleet.paper import PrintedTotal, printed_total
 from studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from studies.breakeven import break_even_tasks, costs, mean_counts
+from studies.carbon import carbon_columns, carbon_estimates, carbon_headings
 from studies.estimates import Estimate, estimate
 from studies.facts import Fact
 from studies.prices import PAIRS, PRICE_LISTS, Efficiencies, PriceList, failures, priced, runs_of, task_stages
@@ -56,12 +57,14 @@ def energy_csv(facts: Sequence[Fact], energy: Energy) -> Table:
                 counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm, tasks_of(facts)))
                 printed = _printed(t0, pair)
                 told = (printed.ml_j, printed.total_j) if printed else (None, None)
-                rows.append((*_head(pair, prices, t0), *cells, *counted, *told))
+                grams = [cell for each in _carbon(facts, arm, energy, pair, prices) for cell in spread(each)]
+                rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *grams))
     return Table(
         "Energy by t0",
         (
             *("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "ml_j", "ml_ci95", "fl_j", "fl_ci95", "total_j"),
             *("total_ci95", "seeds", "not_learned", "trials", "printed_ml_j", "printed_total_j"),
+            *carbon_columns(energy),
         ),
         rows,
     )
@@ -93,13 +96,16 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
         for prices in PRICE_LISTS:
             title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices} prices"
             held = energy_rows(facts, energy, pair, prices)
-            headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E")
+            headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E", *carbon_headings(energy))
             if held is None:
                 note = "The paper implies no prices for these methods at these efficiencies."
                 tables.append(Table(title, headings, [], (note,)))
                 continue
             best = optimum(held)
-            rows = [_row(facts, pair, row, row is best) for row in held]
+            rows = [
+                (*_row(facts, pair, row, row is best), *map(estimate_text, _carbon(facts, arm, energy, pair, prices)))
+                for row, arm in zip(held, arms_by_t0(facts).values(), strict=True)
+            ]
             tables.append(Table(title, headings, rows, ("The lowest mean is bold.",)))
     return tables
 
@@ -131,6 +137,14 @@ def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) 
     told = f"{printed.total_j / 1e3:g}" if printed else None
     not_learned = failures_text(*failures_of(facts, "", arm, tasks_of(facts)))
     return row.t0, ml, fl, f"**{total}**" if best else total, not_learned, told
+
+
+def _carbon(
+    facts: Sequence[Fact], arm: str, energy: Energy, pair: Efficiencies, prices: PriceList
+) -> tuple[Estimate | None, ...]:
+    """Grams of one t0; not known by the published prices, which do not tell sites apart."""
+    found = carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy))
+    return found if prices == "literal" else (None,) * len(found)
 
 
 def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:

@@ -1,4 +1,4 @@
-"""Four studies made of points: sensitivity, regimes, codecs, and all methods side by side."""
+"""Studies that are a list of points: sensitivity and regimes; and all methods side by side."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ _BATCHES = (5, 10, 20, 40)
 # Of a cluster this large: among 4 robots every 2-regular graph is a ring.
 _LARGE_CLUSTER = "federation.robots_per_cluster=8"
 _AUTHORS = ("learning.lr=2.5e-4", "learning.target_polyak=1", "learning.target_every=100")
+_EXPLORING = ("learning.epsilon=0.3",)
 
 
 def sensitivity_points(scenario: Scenario) -> list[Point]:
@@ -36,16 +37,12 @@ def sensitivity_points(scenario: Scenario) -> list[Point]:
 
 
 def regime_points(scenario: Scenario) -> list[Point]:
-    """The scenario's own learning settings, and the authors': a slow learner with a target copied rarely."""
-    return [Point("regime", "tuned", ()), Point("regime", "authors", _AUTHORS)]
-
-
-def codec_points(scenario: Scenario) -> list[Point]:
-    """How weights are encoded between robots, and how experience is on its way up."""
-    codecs = ("float32", "float16", "int8", "topk")
-    points = [Point("weights", codec, (f'federation.codec="{codec}"',)) for codec in codecs]
-    frames = ("raw", "png", "resized")
-    return points + [Point("experience", codec, (f'meta.experience_codec="{codec}"',)) for codec in frames]
+    """The scenario's own learning settings; the authors', slow and with a target copied rarely; more exploration."""
+    return [
+        Point("regime", "tuned", ()),
+        Point("regime", "authors", _AUTHORS),
+        Point("regime", "exploring", _EXPLORING),
+    ]
 
 
 def plan_baselines(request: Request) -> Plan:
@@ -59,4 +56,3 @@ SENSITIVITY = Kind(
     "sensitivity", 3, 90, partial(sweep, points=sensitivity_points), partial(sweep_outputs, "One setting at a time")
 )
 REGIMES = Kind("regimes", 5, 90, partial(sweep, points=regime_points), partial(sweep_outputs, "Learning regimes"))
-CODECS = Kind("codecs", 3, 90, partial(sweep, points=codec_points), partial(sweep_outputs, "Encodings"))

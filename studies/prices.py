@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from common.bill import Cost
 from common.energy import Counts, price
 from common.settings import Energy
 from fleet.paper import published_of
@@ -97,9 +98,13 @@ class Causes(NamedTuple):
 
 def causes(facts: Iterable[Fact], energy: Energy) -> Causes:
     """Joules of one arm of one run by cause, literal prices."""
-    total = sum((fact.counts for fact in facts), Counts())
-    cost = price(total, energy)
+    cost = cost_of(facts, energy)
     return Causes(cost.center_computing_j, cost.robot_computing_j, cost.uplink_j, cost.downlink_j, cost.sidelink_j)
+
+
+def cost_of(facts: Iterable[Fact], energy: Energy) -> Cost:
+    """What one arm of one run cost, literal prices."""
+    return price(sum((fact.counts for fact in facts), Counts()), energy)
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:

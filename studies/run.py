@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from common.errors import StudyError
+from common.errors import ConfigurationError, StudyError
+from common.scenario import Scenario, with_overrides
 from studies.catalogue import kind_of
 from studies.engine import FACTS, run_jobs
-from studies.facts import read_facts
+from studies.facts import read_facts, write_facts
 from studies.jobs import Request
 from studies.kinds import Kind, write_outputs
 from studies.progress import Progress
-from studies.record import Record, read_record, write_record
+from studies.record import RECORD, Record, read_record, write_record
 
 
 @dataclass(frozen=True)
@@ -33,20 +35,22 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
     """Run a study, or the rest of it; returns the paths of tables and figures.
 
     Raises:
-        ConfigurationError: a job's scenario cannot be used; nothing has been run.
+        ConfigurationError: a job's scenario cannot be used, or priced; nothing has been run.
         StudyError: jobs failed. The others are collected, and in tables and figures.
     """
     from studies.cluster import connected
     from studies.deployment import run_job
 
     plan = kind.plan(request)
+    scenario = request.scenario(plan.settings)
+    _check_beta(scenario)
     for job in plan.jobs:
         job.load()  # before hours are spent on others
     where.results.mkdir(parents=True, exist_ok=True)
     record = Record(
         study=kind.name,
         profile=profile,
-        scenario=request.scenario(plan.settings),
+        scenario=scenario,
         seeds=request.seeds,
         t0=request.t0,
         groups=plan.groups,
@@ -65,6 +69,44 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         told = "; ".join(f"{name} ({type(error).__name__}: {error})" for name, error in failed.items())
         raise StudyError(f"{len(failed)} of {len(plan.jobs)} jobs failed, run again to try them again: {told}")
     return written
+
+
+def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Path]:
+    """Make a results folder with the same facts at other prices; nothing is run, and `results` stays as it is.
+
+    Args:
+        results: a results folder of a study.
+        changes: `energy.key=value`, as in a scenario.
+        into: the other folder; it is whole, so that its tables can be made again as well.
+
+    Raises:
+        ConfigurationError: a change that is none of prices, or no folder for what comes of it.
+        StudyError: `results` holds no study.
+    """
+    other = [change for change in changes if not change.startswith("energy.")]
+    if other:
+        raise ConfigurationError(
+            f"--set {other[0]}: expected energy.KEY=VALUE; anything else needs the study run again"
+        )
+    if into is None or into.resolve() == results.resolve():
+        raise ConfigurationError(f"--set: expected --out FOLDER, so that {results} keeps the prices it was made with")
+    record = read_record(results)
+    scenario = with_overrides(record.scenario, changes, str(results / RECORD))
+    _check_beta(scenario)
+    facts = read_facts(results / FACTS)
+    into.mkdir(parents=True, exist_ok=True)
+    write_record(into, record.model_copy(update={"scenario": scenario}))
+    write_facts(into / FACTS, facts)
+    return make_tables(into)
+
+
+def _check_beta(scenario: Scenario) -> None:
+    """Facts are counts: what a run measured of beta is not among them."""
+    if scenario.energy.beta == "measured":
+        raise ConfigurationError(
+            "energy.beta=measured: a study is priced with a number, expected one of 1 or more; "
+            "`python -m benchmarks.meta_gradient` measures it, `jouleswarm report --beta measured` takes a run's own"
+        )
 
 
 def make_tables(results: Path) -> list[Path]:

@@ -54,22 +54,23 @@ def sweep(request: Request, points: Callable[[Scenario], list[Point]]) -> Plan:
 
 def sweep_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all variants, one figure a thing that was varied."""
-    energy = record.scenario.energy
-    return Outputs(
-        csv={record.study: comparison_csv(facts, energy)},
-        markdown={record.study: [comparison_markdown(facts, energy, title)]},
-        figures={
-            f"{record.study}_{what.replace(' ', '_')}": partial(group_figure, facts, energy, what, variants)
-            for what, variants in record.groups.items()
-        },
-    )
+    made = comparison_outputs(title, facts, record)
+    for what, variants in record.groups.items():
+        made.figures[f"{record.study}_{what}"] = partial(group_figure, facts, record.scenario.energy, what, variants)
+    return made
 
 
 def methods_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table and one figure of methods side by side."""
+    made = comparison_outputs(title, facts, record)
+    made.figures[record.study] = partial(causes_figure, facts, record.scenario.energy)
+    return made
+
+
+def comparison_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
+    """One table of all variants and arms, for programs and for readers; no figure yet."""
     energy = record.scenario.energy
     return Outputs(
         csv={record.study: comparison_csv(facts, energy)},
         markdown={record.study: [comparison_markdown(facts, energy, title)]},
-        figures={record.study: partial(causes_figure, facts, energy)},
     )

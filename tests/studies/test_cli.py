@@ -51,6 +51,15 @@ def test_tables_are_made_again_without_a_run(jouleswarm: Call, paper_results: Pa
     assert str(paper_results / "table2.md") in out.splitlines()
 
 
+def test_tables_at_other_prices_go_to_another_folder(jouleswarm: Call, paper_results: Path, tmp_path: Path) -> None:
+    arguments = ("study", "tables", str(paper_results), "--set", "energy.robots_g_per_kwh=50")
+    code, _, err = jouleswarm(*arguments)
+    assert (code, "expected --out FOLDER" in err) == (2, True)
+    code, out, _ = jouleswarm(*arguments, "--out", str(tmp_path / "other"))
+    assert code == 0
+    assert str(tmp_path / "other" / "energy.md") in out.splitlines()
+
+
 def test_a_folder_without_a_study_is_one_line_and_its_exit_code(jouleswarm: Call, tmp_path: Path) -> None:
     code, _, err = jouleswarm("study", "tables", str(tmp_path))
     assert code == 6
@@ -63,6 +72,7 @@ def test_a_folder_without_a_study_is_one_line_and_its_exit_code(jouleswarm: Call
         (("--scenario", "nowhere.toml"), "scenario nowhere.toml: cannot be read"),
         (("--scenario", TOY, "--seeds", "0"), "got 0 seeds from 1 on"),
         (("--scenario", TOY, "--set", "meta.t9=3"), "meta.t9: Extra inputs"),
+        (("--scenario", TOY, "--set", "energy.beta=measured"), "energy.beta=measured: a study is priced with a number"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_before_anything_is_written(

@@ -6,11 +6,14 @@ import csv
 from pathlib import Path
 
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 
-from common.errors import StudyError
+from common.errors import ConfigurationError, StudyError
 from common.methods import Arm
 from common.scenario import Scenario
 from studies.catalogue import KINDS, kind_of
+from studies.codecs import codecs_figure
 from studies.engine import FACTS
 from studies.estimates import Estimate
 from studies.facts import Fact, read_facts, write_facts
@@ -18,7 +21,7 @@ from studies.kinds import write_csv_tables, write_outputs
 from studies.names import STUDIES
 from studies.paper_energy import EnergyRow, optimum
 from studies.record import RECORD, Record, read_record
-from studies.run import make_tables
+from studies.run import make_tables, reprice
 from studies.tables import estimate_text
 from tests.studies.made_up import meta_fact, pair_of_arms, task_fact
 
@@ -145,6 +148,84 @@ def test_every_study_on_the_command_line_is_there() -> None:
     assert list(KINDS) == list(STUDIES)
     with pytest.raises(StudyError, match="got a study called 'x', expected one of paper"):
         kind_of("x")
+
+
+def test_the_command_line_says_the_defaults_of_every_study() -> None:
+    for name, kind in KINDS.items():
+        assert f"{kind.seeds} seeds" in STUDIES[kind.name], name
+        assert not kind.t0 or f"t0 = {kind.t0}." in STUDIES[kind.name], name
+
+
+def heights(axes: Axes) -> list[float]:
+    bars = [held for held in axes.containers if isinstance(held, BarContainer)]
+    return [float(height) for held in bars for height in held.datavalues]
+
+
+def test_encodings_are_one_figure_of_what_they_change(tmp_path: Path, scenario: Scenario) -> None:
+    facts = [fact for variant in ("base", "weights=int8") for fact in pair_of_arms(variant, 1, 10, 20)]
+    groups = {"weights": {"float32": "base", "int8": "weights=int8"}, "experience": {"raw": "base"}}
+    energy = scenario.energy
+    rounds, gbit, kilojoules, *below = codecs_figure(facts, energy, groups).axes
+    # Six tasks of 10 + task rounds (81), two neighbours of 5.6 MB a round, and 12 x 5.6 MB down; 141 rounds without.
+    assert heights(gbit)[:2] == pytest.approx([(81 * 2 + 12) * 0.0448] * 2)
+    assert heights(gbit)[2:] == pytest.approx([141 * 2 * 0.0448] * 2)
+    # 81 x 11.2 MB at 500 kb/J, 67.2 MB at 200 kb/J.
+    assert heights(kilojoules)[:2] == pytest.approx([81 * 0.1792 + 2.688] * 2)
+    assert [label.get_text() for label in rounds.get_xticklabels()] == ["float32", "int8"]
+    # Below, experience: 42 rounds of 3 x 24.6 MB.
+    assert heights(below[1]) == pytest.approx([42 * 3 * 0.1968, 0])
+
+
+def test_carbon_stands_beside_joules_where_an_intensity_is_set(tmp_path: Path, scenario: Scenario) -> None:
+    energy = scenario.energy.model_copy(update={"datacenter_g_per_kwh": 360.0, "robots_g_per_kwh": 36.0})
+    record = Record(
+        study="sensitivity",
+        profile="compact",
+        scenario=scenario.model_copy(update={"energy": energy}),
+        seeds=(1,),
+        t0=42,
+    )
+    write_outputs(tmp_path, kind_of("sensitivity").outputs(pair_of_arms("base", 1, 10, 20), record))
+    (line,) = rows_of(tmp_path / "sensitivity.csv", arm="maml")
+    # 42 x 60 gradients of 11.8 J at PUE 1.67 and 12 x 5.6 MB down at 200 kb/J, at 0.1 g/kJ;
+    # 81 rounds of 40 gradients of 2.04 J and 11.2 MB at 500 kb/J, and 42 x 73.8 MB up at 200 kb/J, at 0.01 g/kJ.
+    center, robots = (42 * 1182.36 + 2688) * 1e-4, (81 * (81.6 + 179.2) + 42 * 2952) * 1e-5
+    assert float(line["datacenter_g"]) == pytest.approx(center, rel=1e-5)
+    assert float(line["robots_g"]) == pytest.approx(robots, rel=1e-5)
+    assert float(line["total_g"]) == pytest.approx(center + robots, rel=1e-5)
+    assert "| gCO2e |" in (tmp_path / "sensitivity.md").read_text()
+
+
+def test_a_study_is_priced_again_in_another_folder(paper_results: Path, tmp_path: Path) -> None:
+    before = {path.name: path.read_bytes() for path in paper_results.iterdir()}
+    out = tmp_path / "again"
+    reprice(paper_results, ["energy.robots_g_per_kwh=36", "energy.pue=2"], out)
+    assert {path.name: path.read_bytes() for path in paper_results.iterdir()} == before
+    (found,) = rows_of(out / "energy.csv", ul_kb_per_j="200", prices="literal", t0="210")
+    assert float(found["ml_j"]) == pytest.approx(210 * (60 * 11.8 * 2 + 2952) + 2688, rel=1e-5)
+    assert (found["datacenter_g"], found["total_g"]) == ("", "")  # that site's intensity is not known
+    (published,) = rows_of(out / "energy.csv", ul_kb_per_j="200", prices="published", t0="210")
+    assert published["robots_g"] == ""  # the published prices do not tell sites apart
+    for path in make_tables(out):
+        assert path.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "out", "message"),
+    [
+        (["meta.t0=42"], "again", "--set meta.t0=42: expected energy.KEY=VALUE"),
+        (["energy.pue=2"], "results", "expected --out FOLDER"),
+        (["energy.pue=2"], None, "expected --out FOLDER"),
+        (["energy.pue=0"], "again", "energy.pue: .*got 0"),
+        (["energy.beta=measured"], "again", "energy.beta=measured: .*a number"),
+    ],
+)
+def test_what_cannot_be_priced_again_is_refused_and_nothing_written(
+    changes: list[str], out: str | None, message: str, paper_results: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        reprice(paper_results, changes, tmp_path / out if out else None)
+    assert {path.name for path in tmp_path.iterdir()} == {"results"}
 
 
 def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
