@@ -106,7 +106,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         session.client_id = connect.client_id or gen_client_id()
         session.clean_session, session.keep_alive = connect.clean_session, connect.keepalive_s
         session.username, session.password = connect.username, connect.password
-        session.will, session.grants = connect.will, None
+        session.level, session.will, session.grants = connect.level, connect.will, None
         session.ssl_object = connection.get_ssl_info()
         session.is_anonymous = False  # amqtt forgets the persistent sessions of anonymous clients within a second
         return session
@@ -116,7 +116,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         handler = ClientHandler(self, connection, session)
         session.transitions.connect()
         self._sessions[session.client_id] = (session, handler)
-        connection.send(bytes((0x20, 2, session.parent, 0)))
+        connection.send(bytes((0x20, 2, session.parent if session.level > 3 else 0, 0)))  # CONNACK
         self.handlers.add(handler)
         self._routes.forget()
         try:
@@ -161,7 +161,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if session.clean_session:
             await self._delete_session(session.client_id)
             return session
-        old.will, old.grants = session.will, session.grants
+        old.level, old.will, old.grants = session.level, session.will, session.grants
         old.keep_alive, old.username, old.password = session.keep_alive, session.username, session.password
         old.parent = 1
         return old

@@ -44,9 +44,7 @@ _REQUIRED_FLAGS = {
 }
 _PINGRESP = b"\xd0\x00"
 _UNSUBACK = b"\xb0\x02"
-# QoS of a PUBLISH -> the beginning of its answer: PUBACK, PUBREC
-_ACKNOWLEDGED = {1: b"\x40\x02", 2: b"\x50\x02"}
-_PUBCOMP = b"\x70\x02"
+_PUBACK, _PUBREC, _PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"
 
 
 class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
@@ -88,8 +86,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         return self.connection.held_bytes + self.deliveries.held_bytes
 
     async def _on_control(self, first: int, body: memoryview) -> None:
-        kind = first >> 4
-        if _REQUIRED_FLAGS.get(kind) != first & 15:
+        kind, flags = first >> 4, first & (15 if self.session.level > 3 else 7)  # 3.1 has DUP with PUBREL too
+        if _REQUIRED_FLAGS.get(kind) != flags:
             raise MalformedPacket(f"packet with first byte 0x{first:02x}, which no client may send here")
         if kind == PUBACK:
             self.deliveries.on_puback(parse_packet_id(body))
@@ -121,6 +119,8 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             raise
         packet_id, taken = int.from_bytes(message.packet_id, "big"), self.session.inflight_in
         publication = Publication(message.topic, message.payload, message.qos, self._broker.budget, packet.cost_bytes)
+        if message.qos == 2:  # first, so that it comes before what its sender may get of the message itself
+            self.connection.send(_PUBREC + message.packet_id)
         try:
             client_id, size = self.session.client_id, len(message.payload)
             self._broker.meter.received(client_id, message.topic, size, len(packet.body))
@@ -128,10 +128,10 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
                 await self._broker.accept(self.session, publication, retain=message.retain)
         finally:
             publication.drop()
-        if message.qos == 2:
+        if message.qos == 1:
+            self.connection.send(_PUBACK + message.packet_id)
+        elif message.qos == 2:
             taken[packet_id] = True  # until its PUBREL: what comes by this identifier is the same message again
-        if message.qos:
-            self.connection.send(_ACKNOWLEDGED[message.qos] + message.packet_id)
 
     async def _on_subscribe(self, body: memoryview) -> None:
         packet_id, subscriptions = parse_subscribe(body)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 from amqtt.mqtt.packet import CONNECT
 
 from broker.errors import MalformedPacket, NotAccepted
 
-PROTOCOL_NAME, PROTOCOL_LEVEL = "MQTT", 4  # MQTT 3.1.1
+PROTOCOLS = {"MQTT": 4, "MQIsdp": 3}  # name -> level: MQTT 3.1.1, and 3.1, whose packets are the same
+SEPARATORS = 200  # of levels in a topic, as in Mosquitto
+# Characters for which section 1.5.3 lets a receiver close the connection; the first of them it must not take.
+_FORBIDDEN = re.compile("[\0-\x1f\x7f-\x9f\ufdd0-\ufdef\ufffe\uffff]")
 UNACCEPTABLE_LEVEL, IDENTIFIER_REJECTED = 1, 2  # return codes of CONNACK (section 3.2.2.3)
 
 Subscription = tuple[str, int]
@@ -35,6 +39,7 @@ class Will(NamedTuple):
 class Connect(NamedTuple):
     """A CONNECT packet, taken apart. The client id is empty where the broker is to choose one."""
 
+    level: int
     client_id: str
     clean_session: bool
     keepalive_s: int
@@ -92,13 +97,13 @@ class _Fields:
 
 
 def decode_text(data: bytes, where: str) -> str:
-    """Well-formed UTF-8 without U+0000 (section 1.5.3)."""
+    """Well-formed UTF-8 without control characters (section 1.5.3)."""
     try:
         text = data.decode()
     except UnicodeDecodeError as error:
         raise MalformedPacket(f"{where} with a string that is not UTF-8") from error
-    if "\0" in text:
-        raise MalformedPacket(f"{where} with U+0000 in a string")
+    if not text.isprintable() and (found := _FORBIDDEN.search(text)):
+        raise MalformedPacket(f"{where} with U+{ord(found[0]):04X} in a string")
     return text
 
 
@@ -107,10 +112,10 @@ def parse_connect(first: int, body: memoryview) -> Connect:
     if first != CONNECT << 4:
         raise MalformedPacket(f"the first packet is 0x{first:02x}, expected CONNECT")
     fields = _Fields("CONNECT", body)
-    if (name := fields.text()) != PROTOCOL_NAME:
-        raise MalformedPacket(f"CONNECT for the protocol {name!r}, expected {PROTOCOL_NAME}")
-    if (level := fields.number(1)) != PROTOCOL_LEVEL:
-        raise NotAccepted(UNACCEPTABLE_LEVEL, f"CONNECT for protocol level {level}, expected {PROTOCOL_LEVEL}")
+    if (name := fields.text()) not in PROTOCOLS:
+        raise MalformedPacket(f"CONNECT for the protocol {name!r}, expected MQTT")
+    if (level := fields.number(1)) != PROTOCOLS[name]:
+        raise NotAccepted(UNACCEPTABLE_LEVEL, f"CONNECT for {name} of level {level}, expected {PROTOCOLS[name]}")
     flags, keepalive_s = fields.number(1), fields.number(2)
     has_will, has_user, has_password = flags & 4, flags & 128, flags & 64
     if flags & 1 or (flags & 56 and not has_will) or flags & 24 == 24 or (has_password and not has_user):
@@ -123,9 +128,9 @@ def parse_connect(first: int, body: memoryview) -> Connect:
         raise MalformedPacket(f"CONNECT with {fields.left_bytes} bytes left over")
     if will is not None and not is_topic(will.topic):
         raise MalformedPacket(f"last will on topic {will.topic!r}, which cannot be published on")
-    if not client_id and not clean_session:
+    if not client_id and (not clean_session or level < 4):
         raise NotAccepted(IDENTIFIER_REJECTED, "CONNECT without a client id, for a session that is to be kept")
-    return Connect(client_id, clean_session, keepalive_s, will, username, password)
+    return Connect(level, client_id, clean_session, keepalive_s, will, username, password)
 
 
 def parse_publish(first: int, body: memoryview) -> Publish:
@@ -175,13 +180,14 @@ def parse_packet_id(body: memoryview) -> int:
 
 def is_topic(topic: str) -> bool:
     """Whether messages can be published on this topic (section 4.7)."""
-    return bool(topic) and "+" not in topic and "#" not in topic
+    return bool(topic) and "+" not in topic and "#" not in topic and topic.count("/") <= SEPARATORS
 
 
 def is_filter(topic_filter: str) -> bool:
     """Whether this can be subscribed to: wildcards fill their levels, and # is the last one (section 4.7.1)."""
     *above, last = topic_filter.split("/")
-    return bool(topic_filter) and _is_level(last, "+#") and all(_is_level(level, "+") for level in above)
+    is_short = topic_filter and len(above) <= SEPARATORS
+    return bool(is_short) and _is_level(last, "+#") and all(_is_level(level, "+") for level in above)
 
 
 def _is_level(level: str, wildcards: str) -> bool:
