@@ -62,7 +62,8 @@ class MqttBus:
         self._changed = threading.Condition()
         self._inbox = Inbox()
         self._awaits_answer = False
-        self._limit_bytes: int | None = None
+        self.limit_bytes: int | None = None
+        """Of a PUBLISH packet's remaining length, where the broker has told it (after the first subscription)."""
         self._asked_for_limits = False
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
@@ -142,10 +143,23 @@ class MqttBus:
         Raises:
             MessageTooLargeError: the broker has told that it takes none of this size.
         """
-        self._check_size(topic, len(payload), qos)
+        self.check_size(topic, len(payload), qos)
         self._wait_for(self._may_send)
         data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
         self._paho.send(topic, data, qos, retain=retain)
+
+    def check_size(self, topic: str, payload_bytes: int, qos: int) -> None:
+        """Whether the broker takes a message of this size, as far as it has told.
+
+        Raises:
+            MessageTooLargeError: it does not.
+        """
+        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self.limit_bytes or MQTT_LIMIT_BYTES
+        if size_bytes > limit_bytes:
+            raise MessageTooLargeError(
+                f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "
+                "raise its limit (--max-message-mb), or make what is sent smaller (network, weights_codec)"
+            )
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
@@ -185,14 +199,6 @@ class MqttBus:
         with self._changed:
             self._changed.wait_for(lambda: not self._connected or self._failure, CLOSE_TIMEOUT_S)
         self._paho.loop_stop()
-
-    def _check_size(self, topic: str, payload_bytes: int, qos: int) -> None:
-        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self._limit_bytes or MQTT_LIMIT_BYTES
-        if size_bytes > limit_bytes:
-            raise MessageTooLargeError(
-                f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "
-                "raise its limit (--max-message-mb), or make what is sent smaller (network, weights_codec)"
-            )
 
     def _may_send(self) -> bool:
         return self._unsent_bytes < UNSENT_LIMIT_BYTES and self._unsent_messages < UNSENT_LIMIT_MESSAGES
@@ -274,7 +280,7 @@ class MqttBus:
             else:
                 self._connected = True
                 self.connections += 1
-                self._limit_bytes, self._asked_for_limits = None, False
+                self.limit_bytes, self._asked_for_limits = None, False
                 if self._filters:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
@@ -320,11 +326,11 @@ class MqttBus:
 
     def _learn_limits(self, payload: memoryview) -> None:
         try:
-            self._limit_bytes = BrokerLimits.model_validate_json(bytes(payload)).message_bytes
+            self.limit_bytes = BrokerLimits.model_validate_json(bytes(payload)).message_bytes
         except ValidationError as error:
             logger.warning("ignored a message on %s: %s", topics.BROKER_LIMITS, error.errors()[0]["msg"])
         for waiting in self._paho.backlog():
-            self._check_size(*waiting)
+            self.check_size(*waiting)
 
     def _has_room(self) -> bool:
         with self._changed:

@@ -1,4 +1,4 @@
-"""The embedded broker's refusals, from its log to the terminal: whom it refuses would otherwise only seem to be slow."""
+"""The embedded broker's refusals, from its log to the terminal: who is refused would otherwise only seem to be slow."""
 
 from __future__ import annotations
 

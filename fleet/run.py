@@ -29,6 +29,7 @@ from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
 from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
+from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -225,6 +226,7 @@ def _recording(
         connect_timeout_s=scenario.bus.connect_timeout_s,
         meter=Meter("client", state and state / CLIENT),
     )
+    check_largest_message(bus, scenario, run)
     recorder = Recorder(bus, scenario, run, directory, state)
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
