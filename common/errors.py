@@ -39,6 +39,10 @@ class RunError(JouleSwarmError):
     exit_code = 5
 
 
+class MessageTooLargeError(RunError):
+    """A message that the broker does not take for its size. It would be sent, refused and sent again for ever."""
+
+
 class StudyError(JouleSwarmError):
     """A study that cannot be planned, run to its end or read back."""
 

@@ -112,7 +112,12 @@ def read_rows(side: Side, folder: Path) -> list[MeterRow]:
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
     """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
-    return packet_bytes(2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes)
+    return packet_bytes(publish_body_bytes(topic, payload_bytes, qos))
+
+
+def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
+    """Its remaining length: what brokers have a limit for."""
+    return 2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes
 
 
 def packet_bytes(remaining_length: int) -> int:

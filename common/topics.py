@@ -155,6 +155,11 @@ def acknowledgement(run: str, client: str) -> str:
     return f"{ROOT}/{run}/meter/{client}/ack"
 
 
+def probe(run: str) -> str:
+    """From the recorder to itself: whether the broker passes on a message of the run's largest size. Not metered."""
+    return f"{ROOT}/{run}/meter/{RECORDER}/probe"
+
+
 def claim(run: str, task: int, agent: int) -> str:
     """A process claims to be robot `agent` (0: the data center); one that is answers on the same topic."""
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/claim"

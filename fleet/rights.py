@@ -83,6 +83,8 @@ def recorder_rights() -> list[Right]:
     return [
         ("write", topics.recorder(_RUN)),
         ("write", topics.acknowledgement(_RUN, _ANY)),
+        ("write", topics.probe(_RUN)),
+        ("read", topics.probe(_RUN)),
         ("read", topics.telemetry(_RUN, _ARM, _ANY)),
         ("read", topics.learned(_RUN, _ARM, _ANY)),
         ("read", topics.snapshot(_RUN, _ARM, _ANY)),

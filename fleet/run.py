@@ -27,7 +27,9 @@ from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
 from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
+from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
+from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -132,6 +134,9 @@ def _deploy(
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
+        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
+        stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
         recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
@@ -144,7 +149,7 @@ def _deploy(
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        _watch(scenario, recorder, console, launcher, intruder)
+        _watch(scenario, recorder, console, launcher, intruder, broker_log)
     shutil.rmtree(state)
 
 
@@ -221,6 +226,7 @@ def _recording(
         connect_timeout_s=scenario.bus.connect_timeout_s,
         meter=Meter("client", state and state / CLIENT),
     )
+    check_largest_message(bus, scenario, run)
     recorder = Recorder(bus, scenario, run, directory, state)
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
@@ -245,6 +251,7 @@ def _watch(
     console: Console,
     launcher: Launcher | None,
     intruder: Intruder | None = None,
+    broker_log: BrokerLog | None = None,
 ) -> None:
     with View(console, scenario, recorder) as view:
         while recorder.waiting_for:
@@ -254,4 +261,6 @@ def _watch(
                 launcher.check()
             if intruder is not None:
                 intruder.tick()
+            if broker_log is not None:
+                broker_log.show()
             view.update()
