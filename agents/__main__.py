@@ -56,7 +56,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from agents.agent import run_agent
         from common import topics
-        from common.errors import ConfigurationError
+        from common.errors import ConfigurationError, RunError, usable
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
@@ -75,6 +75,8 @@ def main(
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))
+        with usable("--state", state):
+            meter = Meter("client", state)
         bus = MqttBus.connect(
             broker,
             f"agent-{id}",
@@ -82,9 +84,10 @@ def main(
             will=(topics.presence(name, assigned, id), gone),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
-            meter=Meter("client", state),
+            meter=meter,
         )
-        run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
+        with usable("--state", state, RunError):
+            run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import reprlib
 import tomllib
 from collections.abc import Sequence
 from functools import cached_property
@@ -11,6 +12,7 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from common.documents import parse_json, parse_toml
 from common.errors import ConfigurationError
 from common.maps import TaskMap, parse_map
 from common.methods import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
@@ -172,13 +174,16 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        data = json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)
+        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
     except OSError as error:
         raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+    except (KeyError, TypeError) as error:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"scenario {path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
+        raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
     for override in overrides:
         _apply(data, override)
     return scenario_from(data, str(path))
@@ -206,17 +211,20 @@ def scenario_from(data: dict[str, Any], where: str) -> Scenario:
 
 def _apply(data: dict[str, Any], override: str) -> None:
     key, equals, text = override.partition("=")
+    shown = repr(override) if len(override) <= 80 else repr(override[:77]) + "..."
     if not equals or not key:
-        raise ConfigurationError(f"override {override!r}: expected section.key=value, for example meta.t0=42")
+        raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
     *sections, last = key.strip().split(".")
     for section in sections:
         data = data.setdefault(section, {})
         if not isinstance(data, dict):
-            raise ConfigurationError(f"override {override!r}: {section!r} is not a section")
+            raise ConfigurationError(f"override {shown}: {section!r} is not a section")
     try:
-        data[last] = tomllib.loads(f"value = {text}")["value"]
+        data[last] = parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         data[last] = text
+    except ValueError as error:
+        raise ConfigurationError(f"override {shown}: {error}") from error
 
 
 def _one_line(error: ValidationError) -> str:
@@ -229,5 +237,8 @@ def _one_line(error: ValidationError) -> str:
 
 
 def _short(value: object) -> str:
-    text = json.dumps(value, default=str)
+    try:
+        text = json.dumps(value, default=str)
+    except RecursionError:
+        text = reprlib.repr(value)
     return text if len(text) < 60 else text[:57] + "..."

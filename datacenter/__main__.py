@@ -49,7 +49,7 @@ def main(
     with process("data center", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
         from common import topics
-        from common.errors import ConfigurationError
+        from common.errors import ConfigurationError, RunError, usable
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
@@ -64,6 +64,8 @@ def main(
         use_one_thread()
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
+        with usable("--state", state):
+            meter = Meter("client", state)
         bus = MqttBus.connect(
             broker,
             "datacenter",
@@ -71,9 +73,10 @@ def main(
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
-            meter=Meter("client", state),
+            meter=meter,
         )
-        run_datacenter(settings, name, bus, Keep(state, durable, keep_state))
+        with usable("--state", state, RunError):
+            run_datacenter(settings, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

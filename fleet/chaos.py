@@ -18,6 +18,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from common.errors import RunError, usable
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from fleet.conservation import conservation
@@ -194,7 +195,8 @@ def run_chaos(
         for fault in chaos.done:
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
-        (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
+        with usable("--out", out, RunError):
+            (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
         idle = 0 if chaos.done else idle + 1
         if not left or idle == _IDLE_RUNS:  # they are too short for what is left
             break

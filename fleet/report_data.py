@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import importlib.metadata
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common import topics
+from common.documents import parse_json
 from common.errors import ConfigurationError, RunError
 from common.meter import MeterRow, read_rows
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, RoundRow
@@ -20,6 +21,8 @@ from fleet.pricing import TaskResult, meta_rounds, task_results
 from fleet.summary import SCHEMA
 
 T = TypeVar("T", bound=BaseModel)
+
+_STATUSES = ("complete", "interrupted", "failed")
 
 
 class Progress(BaseModel):
@@ -80,13 +83,23 @@ def load_run(path: str | Path) -> Run:
 
     Raises:
         ConfigurationError: `path` is not a directory.
-        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage).
+        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage), or written
+            by another version in a way that this one cannot read.
     """
     path = Path(path)
     if not path.is_dir():
         raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
-    manifest = _manifest(path)
-    summary = _json(path / SUMMARY) if (path / SUMMARY).exists() else None
+    manifest = read_manifest(path)
+    try:
+        return _load(path, manifest)
+    except RunError as error:
+        if (other := other_version(manifest)) is None:
+            raise
+        raise RunError(f"{path}: {other}, which cannot read it; report it with the version that wrote it") from error
+
+
+def _load(path: Path, manifest: dict[str, Any]) -> Run:
+    summary = _summary(path / SUMMARY)
     cut: list[str] = []
     done = summary is not None
     return Run(
@@ -111,17 +124,37 @@ def _kept_rows(path: Path, run: str) -> list[MeterRow]:
     return [row for row in rows if row.topic.startswith(prefix)]
 
 
-def _manifest(path: Path) -> dict[str, Any]:
+def read_manifest(path: Path) -> dict[str, Any]:
+    """The manifest of a run directory, of this version's schema.
+
+    Raises:
+        RunError: there is none, or it is damaged, or of another schema.
+    """
     file = path / MANIFEST
     if not file.exists():
         raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
     manifest = _json(file)
     if manifest.get("schema") != SCHEMA:
-        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}")
-    for key in ("run", "scenario"):
-        if key not in manifest:
+        other = other_version(manifest)
+        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))
+    for key, kind in (("run", str), ("scenario", dict)):
+        if not isinstance(manifest.get(key), kind):
             raise RunError(f"{file}: damaged, it has no {key!r}")
     return manifest
+
+
+def other_version(manifest: dict[str, Any]) -> str | None:
+    """Which version wrote a run directory and which one this is, if they differ."""
+    versions, ours = manifest.get("versions"), importlib.metadata.version("jouleswarm")
+    theirs = versions.get("jouleswarm") if isinstance(versions, dict) else None
+    return None if theirs in (None, ours) else f"written by version {theirs} of JouleSwarm, this is {ours}"
+
+
+def _summary(file: Path) -> dict[str, Any] | None:
+    summary = _json(file) if file.exists() else None
+    if summary is not None and summary.get("status") not in _STATUSES:
+        raise RunError(f"{file}: damaged, its status is {summary.get('status')!r}, expected {', '.join(_STATUSES)}")
+    return summary
 
 
 def _other_schema(schema: object) -> str:
@@ -142,7 +175,7 @@ def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
 
 def _json(file: Path) -> dict[str, Any]:
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = parse_json(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise RunError(f"{file}: cannot be read: {error}") from error
     if not isinstance(found, dict):

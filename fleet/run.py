@@ -20,7 +20,7 @@ from typing import Any, Literal, Protocol
 from rich.console import Console
 
 from common import topics
-from common.errors import ConfigurationError, JouleSwarmError
+from common.errors import ConfigurationError, JouleSwarmError, RunError, usable
 from common.keys import Credentials, credentials_of
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
@@ -31,6 +31,8 @@ from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
 from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
+from fleet.report_data import other_version, read_manifest
+from fleet.stopping import telling_what_is_kept
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
 from fleet.view import View
@@ -85,7 +87,7 @@ def run_deployment(
     `scenario_options` are the command-line options that make every process load this same scenario.
     """
     _check(scenario, options)  # before anything is written
-    directory = RunDirectory(out / topics.run_name(run))
+    directory = _begin(out, run, console)
     _deploy(scenario, scenario_options, run, directory, console, options)
     return directory.path
 
@@ -97,14 +99,34 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
         ConfigurationError: it is complete, or not the directory of such a run.
     """
     held = path / MANIFEST
+    if not held.exists():
+        raise ConfigurationError(
+            f"run {path}: {MANIFEST}: cannot be read; name a directory that `jouleswarm run` printed"
+        )
+    manifest = read_manifest(path)
+    if other := other_version(manifest):
+        raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
     scenario = load_scenario(held)
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     _check(scenario, options)
-    name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
-    directory = RunDirectory(path, resume=True)
-    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
+    with usable("run directory", path):
+        directory = RunDirectory(path, resume=True)
+    _say_where(directory, console)
+    _deploy(scenario, ["--scenario", str(held.resolve())], manifest["run"], directory, console, options)
     return path
+
+
+def _begin(out: Path, run: str, console: Console) -> RunDirectory:
+    """A new run directory, told in the first line that a run prints."""
+    with usable("--out", out):
+        directory = RunDirectory(out / topics.run_name(run))
+    _say_where(directory, console)
+    return directory
+
+
+def _say_where(directory: RunDirectory, console: Console) -> None:
+    console.print(f"run directory: {directory.path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _check(scenario: Scenario, options: Options) -> None:
@@ -126,11 +148,13 @@ def _deploy(
     keys = [] if options.keys is None else ["--keys", str(options.keys.resolve())]
     goes_on = scenario.federation.on_missing == "proceed"
     with ExitStack() as stack:
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
                 options.restarts,
-                partial(console.print, highlight=False),
+                partial(console.print, highlight=False, markup=False, soft_wrap=True),
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
@@ -168,10 +192,15 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
-    directory = RunDirectory(out / topics.run_name(run))
-    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
+    directory = _begin(out, run, console)
+    with ExitStack() as stack:
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
+        recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)
+        recorder = stack.enter_context(recording)
         if ready_file is not None:
-            ready_file.touch()
+            with usable("--ready-file", ready_file):
+                ready_file.touch()
         _watch(scenario, recorder, console, None)
     return directory.path
 

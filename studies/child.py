@@ -14,7 +14,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from common.errors import JouleSwarmError, StudyError
+from common.errors import StudyError
+from common.process import one_line_errors
 from common.scenario import load_scenario
 from fleet.report_data import load_run
 from fleet.run import run_deployment
@@ -48,12 +49,10 @@ def main() -> None:
     try:
         # In here: a stdin that is closed already breaks off what comes next, whatever that is.
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
-        lead(Path(folder), name)
-    except JouleSwarmError as error:
-        print(error, file=sys.stderr)
-        raise SystemExit(error.exit_code) from error
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
+        with one_line_errors(name):
+            lead(Path(folder), name)
+    except KeyboardInterrupt as stop:
+        print(str(stop) or "stopped", file=sys.stderr)
         raise SystemExit(130) from None
 
 
