@@ -26,7 +26,7 @@ from common.payloads import (
 )
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow
-from common.snapshot import BrokerSnapshot
+from common.snapshot import BrokerLimits, BrokerSnapshot, CountersPiece, CountersRequest
 from common.streams import WeightsEncoder
 
 SHAPES = {"0.weight": (4, 4, 3, 3), "0.bias": (4,), "5.weight": (4, 16), "5.bias": (4,)}
@@ -109,15 +109,19 @@ def _messages() -> tuple[Target, ...]:
     traffic = {"messages": 1, "payload_bytes": 1000, "packet_bytes": 1040}
     snapshot = {
         "sequence": 4, "clients": 3, "links": {"sidelink": {"in": traffic, "out": traffic}},
-        "events": {"taken_over": 1}, "asked": "ab", "rows": meter.rows(),
+        "events": {"taken_over": 1}, "refusals": ["a client"],
     }  # fmt: skip
+    piece = {"asked": "ab", "run": "r", "piece": 1, "pieces": 2, "metering": True, "rows": meter.rows()}
     return (
         _message(Presence(agent=3, stage=2)),
         _message(RoundRequest(first=1, last=2)),
         _message(Episode(agent=1, round=2, reward=3.5)),
         _message(Telemetry.model_validate({"row": row, "received": {"uplink": 1, "sidelink": 2}})),
         _message(MeterReport(client="agent-1", rows=meter.rows(), rounds=[]), MAX_REPORT_BYTES),
+        _message(BrokerLimits(message_bytes=1)),
+        _message(CountersRequest(asked="ab", run="r")),
         _message(BrokerSnapshot.model_validate(snapshot), MAX_REPORT_BYTES),
+        _message(CountersPiece.model_validate(piece), MAX_REPORT_BYTES),
     )
 
 

@@ -130,8 +130,8 @@ def main(
 ) -> None:
     """An MQTT 3.1.1 broker that counts every byte, by run, arm, link class, topic and client.
 
-    Subscribe to jouleswarm/meter/broker for its totals; publish anything on jouleswarm/meter/ask for all
-    rows. Ctrl-C ends it.
+    Subscribe to $SYS/jouleswarm/meter for its totals and $SYS/jouleswarm/limits for the largest message it takes;
+    broker/README.md says how to ask for all rows of a run. Ctrl-C ends it.
 
     Example: python -m broker --port 1883, then python -m datacenter --broker mqtt://127.0.0.1:1883
 

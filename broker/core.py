@@ -56,7 +56,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.budget = Budget(limits.memory_bytes)
         self.turns = Turns()
         self.handlers: set[ClientHandler] = set()
-        self.on_ask: Callable[[str], Awaitable[None]] | None = None
+        self.on_ask: Callable[[bytes], Awaitable[None]] | None = None
         self._routes = Routes(self._subscriptions, self._matches, self._may_receive)
         self._retained = Retained(limits.retained_bytes)
         self._filters = Filters(limits.subscriptions)
@@ -274,14 +274,19 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             elif qos and not receiver.clean_session:
                 self._keep(receiver, publication)
         if publication.topic == topics.BROKER_METER_ASK and self.on_ask is not None:
-            await self.on_ask(bytes(publication.payload).decode(errors="replace"))
+            await self.on_ask(bytes(publication.payload))
+
+    def has_receivers(self, topic: str) -> bool:
+        """Whether anybody would get a message on this topic."""
+        return bool(self._routes.receivers(topic))
 
     def _may_receive(self, session: Session, topic: str) -> bool:
         return session.grants is None or bool(session.grants.may_receive(topic))
 
     async def _retain(self, session: Session | None, publication: Publication) -> None:
         topic, payload = publication.topic, publication.payload
-        if self._retained.book(topic, len(payload)):
+        # What the broker itself retains is small, and must not make way for what clients do.
+        if session is None or self._retained.book(topic, len(payload)):
             await self.retain_message(session, topic, payload, publication.qos)
         else:
             self.meter.event("refused_retained")

@@ -8,10 +8,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from broker.refusals import Refusals
 from common.counters import Cell, Counters
 from common.meter import Direction, MeterRow, packet_bytes, rows_of
 from common.mqtt_client import name_of
-from common.topics import Link, arm_of, link_of, run_of
+from common.topics import ROOT, Link, arm_of, link_of, run_of
 
 
 class LinkKey(NamedTuple):
@@ -40,6 +41,7 @@ class BrokerMeter:
         """`folder`: where the rows of a broker that was killed are gone on from."""
         self.enabled = enabled
         self.changes = 0
+        self.refusals = Refusals()
         self._events: Counter[str] = Counter()
         self._rows = Counters(folder)
         self._totals: dict[LinkKey, Cell] = {}
@@ -78,10 +80,16 @@ class BrokerMeter:
             self._events[what] += count
         self.changes += 1
 
-    def rows(self) -> list[MeterRow]:
-        """One cumulative row for each client, topic and direction, in a stable order."""
+    def refused(self, what: str, text: str) -> None:
+        """Count a refusal, and keep what there is to say about it; `text` is the same each time that it happens."""
+        self.refusals.add(text)
+        self.event(what)
+
+    def rows(self, run: str | None = None) -> list[MeterRow]:
+        """One cumulative row for each client, topic and direction, in a stable order; of one run or of all."""
+        beginning = "" if run is None else f"{ROOT}/{run}/"
         with self._lock:
-            return rows_of("broker", self._rows.items())
+            return rows_of("broker", self._rows.items(beginning))
 
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""

@@ -76,9 +76,11 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
             metrics = _export(broker, settings.host, settings.metrics_port)
         await broker.start()
         stack.push_async_callback(broker.shutdown)
+        publisher = SnapshotPublisher(broker)
+        await publisher.announce()
         acceptor = Acceptor(listener, broker, context)
         stack.push_async_callback(acceptor.close)
-        for job in (watch(broker), SnapshotPublisher(broker).run()):
+        for job in (watch(broker), publisher.run()):
             stack.callback(asyncio.create_task(job).cancel)
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"

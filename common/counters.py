@@ -51,9 +51,10 @@ class Counters:
     def __contains__(self, key: Key) -> bool:
         return key in self._cells
 
-    def items(self) -> Iterator[tuple[Key, tuple[int, int, int]]]:
-        """All cells, in the order of their keys."""
-        for key, cell in sorted(self._cells.items()):
+    def items(self, beginning: str = "") -> Iterator[tuple[Key, tuple[int, int, int]]]:
+        """All cells whose topic (the key's second part) begins so, in the order of their keys."""
+        for key in sorted(key for key in self._cells if key[1].startswith(beginning)):
+            cell = self._cells[key]
             yield key, (cell[0], cell[1], cell[2])
 
     def flush(self) -> None:

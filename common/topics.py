@@ -20,9 +20,10 @@ SHARED = "all"  # the arm level of control traffic that serves every arm
 
 RECORDER = "recorder"
 
-# The broker's cumulative counters (retained) and the request for a fresh copy. A report cannot count
-# itself, so neither these nor `meter_report` topics are ever metered.
-BROKER_METER = f"{ROOT}/meter/broker"
+# What the broker tells: its totals and its limits (both retained, see `common.snapshot`); and the question for a run's
+# counters. A report cannot count itself, so neither these nor `broker_answer` and `meter_report` are ever metered.
+BROKER_METER = f"$SYS/{ROOT}/meter"
+BROKER_LIMITS = f"$SYS/{ROOT}/limits"
 BROKER_METER_ASK = f"{ROOT}/meter/ask"
 
 
@@ -132,6 +133,11 @@ def learned(run: str, arm: str, task: Level) -> str:
 def snapshot(run: str, arm: str, round_: Level) -> str:
     """The meta-model after some MAML rounds, for the run directory."""
     return f"{ROOT}/{run}/{arm}/tlm/{round_}/snapshot"
+
+
+def broker_answer(asked: str) -> str:
+    """The broker's answer to one question on BROKER_METER_ASK, by the question's token."""
+    return f"{BROKER_METER}/{asked}"
 
 
 def meter_report(run: str, client: str) -> str:

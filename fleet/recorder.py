@@ -16,7 +16,7 @@ from common.payloads import Acknowledgement, Presence, check_model, decode_json,
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
-from common.snapshot import BrokerSnapshot
+from common.snapshot import PIECE_BYTES, CountersPiece, CountersRequest
 from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
 from fleet.summary import summarise
 from fleet.traffic import DATA_CENTER
@@ -51,7 +51,6 @@ class Recorder:
             topics.snapshot(run, "+", "+"),
             topics.meter_report(run, "+"),
             topics.presence(run, "+", "+"),
-            topics.BROKER_METER,
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
         bus.subscribe(*self._filters)
@@ -128,9 +127,8 @@ class Recorder:
         """Fetch the broker's counters and write meter and summary."""
         self._bus.publish(topics.recorder(self._run), b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
-        self._bus.unsubscribe(*self._filters[:-1])
+        self._bus.unsubscribe(*self._filters)
         self._ask_broker()
-        self._bus.unsubscribe(topics.BROKER_METER)
         own = self._bus.meter.rows()
         clients = [row for client in self._clients for row in self._reports.get(client) or self._counted_by(client)]
         meter = [*self._broker_rows, *clients, *own]
@@ -139,20 +137,21 @@ class Recorder:
         self._bus.close()
 
     def _ask_broker(self) -> None:
-        self._asked = secrets.token_hex(8)
-        self._bus.publish(topics.BROKER_METER_ASK, self._asked.encode())
+        asked = secrets.token_hex(8)
+        self._asked = topics.broker_answer(asked)
+        self._bus.subscribe(self._asked)
+        self._bus.publish(topics.BROKER_METER_ASK, encode_json(CountersRequest(asked=asked, run=self._run)))
         until = time.monotonic() + _SNAPSHOT_WAIT_S
         while not self._answered and time.monotonic() < until:
             self.pump(0.05)
+        self._bus.unsubscribe(self._asked)
 
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
-        if topic == topics.BROKER_METER:
-            snapshot = decode_json(message.payload, BrokerSnapshot, MAX_REPORT_BYTES)
-            if snapshot.asked is not None and snapshot.asked == self._asked:
-                self._answered = True
-                prefix = f"{topics.ROOT}/{self._run}/"
-                self._broker_rows = [row for row in snapshot.rows or () if row.topic.startswith(prefix)]
+        if topic == self._asked:
+            piece = decode_json(message.payload, CountersPiece, PIECE_BYTES)
+            self._answered = piece.piece == piece.pieces
+            self._broker_rows += piece.rows
         elif kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":

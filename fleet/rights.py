@@ -49,6 +49,7 @@ def robot_rights(scenario: Scenario, agent: int) -> list[Right]:
         ("read", topics.meta_model(_RUN, _ARM)),
         ("read", topics.meta_model(_RUN, _ARM, agent)),
         ("read", topics.meta_round(_RUN, _ARM)),
+        ("read", topics.BROKER_LIMITS),
     ]
     if agent == min(scenario.cluster(task)) or scenario.federation.on_missing == "proceed":
         rights.append(("write", topics.learned(_RUN, _ARM, task)))
@@ -73,6 +74,7 @@ def datacenter_rights() -> list[Right]:
         ("read", topics.weights_up(_RUN, _ARM, _ANY, _ANY)),
         ("read", topics.model_again(_RUN, _ARM, _ANY)),
         ("read", topics.meta_resend(_RUN, _ARM)),
+        ("read", topics.BROKER_LIMITS),
     ]
 
 
@@ -87,6 +89,8 @@ def recorder_rights() -> list[Right]:
         ("read", topics.meter_report(_RUN, _ANY)),
         ("read", topics.presence(_RUN, _ANY, _ANY)),
         ("read", topics.BROKER_METER),
+        ("read", topics.broker_answer(_ANY)),
+        ("read", topics.BROKER_LIMITS),
         ("write", topics.BROKER_METER_ASK),
     ]
 

@@ -8,22 +8,26 @@ import random
 import pytest
 
 from common import topics
-from common.snapshot import BrokerSnapshot
+from common.payloads import encode_json
+from common.snapshot import PIECE_BYTES, BrokerLimits, CountersPiece, CountersRequest
 
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"  # 34 bytes
 
 
-def ask(bus, token: str) -> BrokerSnapshot:
-    """The broker's counters, later than everything this client has sent or received before."""
-    bus.subscribe(topics.BROKER_METER)
-    bus.publish(topics.BROKER_METER_ASK, token.encode())
-    while True:
+def ask(bus, run: str = "run", token: str = "now") -> list[CountersPiece]:
+    """The broker's counters of a run, later than everything this client has sent or received before."""
+    answer = topics.broker_answer(token)
+    bus.subscribe(answer)
+    bus.publish(topics.BROKER_METER_ASK, encode_json(CountersRequest(asked=token, run=run)))
+    pieces: list[CountersPiece] = []
+    while not pieces or pieces[-1].piece < pieces[-1].pieces:
         message = bus.receive(20)
         assert message is not None, "the broker did not answer"
-        if message.topic == topics.BROKER_METER:
-            snapshot = BrokerSnapshot.model_validate_json(bytes(message.payload))
-            if snapshot.asked == token:
-                return snapshot
+        if message.topic == answer:
+            pieces.append(CountersPiece.model_validate_json(bytes(message.payload)))
+    assert [piece.piece for piece in pieces] == [number + 1 for number in range(pieces[0].pieces)]
+    assert {(piece.asked, piece.run) for piece in pieces} == {(token, run)}
+    return pieces
 
 
 @pytest.mark.parametrize(("qos", "identifier_bytes"), [(0, 0), (1, 2)])
@@ -51,10 +55,10 @@ def test_broker_and_clients_count_the_same_bytes(broker, bus, qos, identifier_by
     packet_bytes = sum(1 + digit + 36 + identifier_bytes + size for digit, size in zip(digits, sizes, strict=True))
     expected = (len(sizes), payload_bytes, packet_bytes)
 
-    rows = ask(publisher, "now").rows
+    (piece,) = ask(publisher)
     counted = {
         (row.client, row.topic, row.direction): (row.messages, row.payload_bytes, row.packet_bytes)
-        for row in rows
+        for row in piece.rows
         if row.direction != "acked"  # acknowledgements may still be on their way
     }
     assert counted == {
@@ -150,7 +154,7 @@ def test_messages_of_all_sizes_keep_their_order(broker, bus):
     assert [bytes(subscriber.receive(20).payload) for _ in payloads] == payloads
 
 
-def test_snapshot_has_totals_each_second_and_rows_when_asked(broker, bus):
+def test_totals_come_each_second_below_sys(broker, bus):
     client = bus(broker, "agent-7")
     client.subscribe("jouleswarm/run/#", topics.BROKER_METER)
     client.publish(WEIGHTS, b"12345")
@@ -158,21 +162,64 @@ def test_snapshot_has_totals_each_second_and_rows_when_asked(broker, bus):
     while not totals:
         message = client.receive(20)
         assert message is not None
-        if message.topic == topics.BROKER_METER:
+        if message.topic == "$SYS/jouleswarm/meter":
             snapshot = json.loads(bytes(message.payload))
             totals = snapshot["links"].get("sidelink")
     # 1 + 1 + 2 + 34 + 2 + 5
     assert totals["in"] == totals["out"] == {"messages": 1, "payload_bytes": 5, "packet_bytes": 45}
     assert snapshot["broker"] == "jouleswarm"
     assert "rows" not in snapshot
-    assert "asked" not in snapshot
-    answer = ask(client, "tøken")
-    assert [(row.client, row.direction, row.link) for row in answer.rows] == [
-        ("agent-7", "acked", "sidelink"),
-        ("agent-7", "in", "sidelink"),
-        ("agent-7", "out", "sidelink"),
+
+
+def test_who_asks_gets_the_rows_of_one_run_and_nothing_of_it_is_retained(broker, bus):
+    client = bus(broker, "agent-7")
+    client.subscribe("jouleswarm/run/#")
+    for topic in (WEIGHTS, topics.weights("run2", "maml", 1, 1), topics.weights("ru", "maml", 1, 1)):
+        client.publish(topic, b"12345")
+    assert client.receive(20) is not None
+    client.flush()
+    (piece,) = ask(client)
+    assert piece.metering
+    assert [(row.client, row.direction, row.topic) for row in piece.rows if row.direction != "acked"] == [
+        ("agent-7", "in", WEIGHTS),
+        ("agent-7", "out", WEIGHTS),
     ]
-    assert answer.sequence > snapshot["sequence"]
+    (other,) = ask(client, "run2", "other")
+    assert [(row.direction, row.topic) for row in other.rows] == [("in", "jouleswarm/run2/maml/sl/1/1/weights")]
+    late = bus(broker, "agent-8")
+    (unknown,) = ask(late, "nothing-of-this-name", "now")  # by the first one's token: nothing of its answer was kept
+    assert unknown.rows == ()
+
+
+def test_an_answer_that_is_long_comes_in_pieces(broker, bus):
+    client = bus(broker, "agent-7")
+    sent = [topics.weights("run", "x" * 800, 1, number) for number in range(700)]
+    for topic in sent:
+        client.publish(topic, b"", qos=0)
+    pieces = ask(client)
+    assert len(pieces) > 1
+    assert [row.topic for piece in pieces for row in piece.rows] == sorted(sent)
+    assert max(len(encode_json(piece)) for piece in pieces) <= PIECE_BYTES
+
+
+@pytest.mark.parametrize("question", [b"", b"token", b'{"asked":"a/b","run":"r"}', b'{"asked":"+","run":"r"}', b"{}"])
+def test_a_question_that_is_none_is_counted_and_not_answered(broker, bus, question):
+    client = bus(broker, "recorder")
+    client.subscribe("$SYS/jouleswarm/meter/#")
+    client.publish(topics.BROKER_METER_ASK, question)
+    client.flush()
+    assert broker.event("refused_questions") == 1
+    (piece,) = ask(client)
+    assert piece.refusals == ("a question on jouleswarm/meter/ask that is none",)
+
+
+@pytest.mark.parametrize("options", [(), ("--no-meter",)])
+def test_the_broker_tells_the_largest_message_that_it_takes(start_broker, bus, options):
+    client = bus(start_broker("--max-message-mb", "3", *options), "agent-7")
+    client.subscribe(topics.BROKER_LIMITS)
+    message = client.receive(20)
+    assert (message.topic, message.retained) == ("$SYS/jouleswarm/limits", True)
+    assert BrokerLimits.model_validate_json(bytes(message.payload)).message_bytes == 3 * 1024 * 1024
 
 
 def test_prometheus_has_the_same_counts(broker, bus):
@@ -190,10 +237,10 @@ def test_prometheus_has_the_same_counts(broker, bus):
     assert samples["jouleswarm_broker_clients"] == 1
 
 
-def test_without_metering_nothing_is_counted(start_broker, bus):
+def test_without_metering_nothing_is_counted_and_no_totals_are_published(start_broker, bus):
     client = bus(start_broker("--no-meter"), "agent-7")
-    client.subscribe("jouleswarm/run/#")
+    client.subscribe("jouleswarm/run/#", topics.BROKER_METER)
     client.publish(WEIGHTS, b"12345")
-    assert client.receive(20) is not None
-    answer = ask(client, "1")
-    assert (answer.metering, answer.rows, answer.links) == (False, (), {})
+    assert client.receive(20).topic == WEIGHTS
+    (piece,) = ask(client)
+    assert (piece.metering, piece.rows) == (False, ())

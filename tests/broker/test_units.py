@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from broker.limits import Budget
 from broker.meter import BrokerMeter, by_link
 from broker.publication import Publication
+from broker.refusals import Refusals
+from broker.snapshot import in_pieces
 from common.bus import matches
 from common.meter import read_rows
 from common.mqtt import name_of, wire_id
@@ -127,3 +129,28 @@ def test_amqtt_and_the_in_memory_bus_match_filters_alike(levels, filters, deep):
 
     topic, topic_filter = "/".join(levels), "/".join(filters) + ("/#" if deep else "")
     assert Broker._matches(object.__new__(Broker), topic, topic_filter) == matches(topic_filter, topic)
+
+
+def test_the_newest_refusals_are_kept_each_once_with_how_often():
+    refusals = Refusals()
+    for number in range(22):
+        refusals.add(f"refusal {number}")
+    refusals.add("refusal 3")
+    assert refusals.lines() == (*(f"refusal {number}" for number in (2, *range(4, 22))), "refusal 3 (2 times)")
+    refusals.add("x" * 600)
+    assert refusals.lines()[-1] == "x" * 497 + "..."
+
+
+def test_rows_come_in_pieces_below_a_size():
+    meter = BrokerMeter()
+    for agent in range(5):
+        meter.received(f"agent-{agent}", WEIGHTS, 10, 46)
+    row_bytes = len(meter.rows()[0].model_dump_json()) + 1  # and a comma
+    pieces = list(in_pieces(meter.rows(), 2 * row_bytes))
+    assert [[row.client for row in piece] for piece in pieces] == [
+        ["agent-0", "agent-1"],
+        ["agent-2", "agent-3"],
+        ["agent-4"],
+    ]
+    assert list(in_pieces(meter.rows()[:1], 1)) == [(meter.rows()[0],)]
+    assert list(in_pieces([], 100)) == [()]

@@ -17,7 +17,7 @@ from common.payloads import Acknowledgement, ModelHeader, Presence, decode_json,
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
-from common.snapshot import BrokerSnapshot
+from common.snapshot import CountersPiece, CountersRequest
 from fleet import recorder as module
 from fleet.recorder import Recorder
 
@@ -311,7 +311,7 @@ def test_without_an_embedded_broker_the_clients_counters_feed_the_bill(table: Ta
 
 @pytest.fixture
 def answering() -> Iterator[Any]:
-    """Plays the embedded broker: answers requests for counters with these rows, after some other snapshots."""
+    """Plays the embedded broker: answers a request for a run's counters with these rows, a piece each."""
     threads: list[threading.Thread] = []
 
     def play(bus: MemoryBus, meter: Meter) -> None:
@@ -320,11 +320,13 @@ def answering() -> Iterator[Any]:
         def answer() -> None:
             message = bus.receive(DEADLINE_S)
             assert message is not None
-            plain = {"sequence": 1, "clients": 3, "links": {}, "events": {}}
-            asked = bytes(message.payload).decode()
-            for extra in ({}, {"asked": "another", "rows": []}, {"asked": asked, "rows": meter.rows()}):
-                snapshot = BrokerSnapshot.model_validate({**plain, **extra})
-                bus.publish(topics.BROKER_METER, encode_json(snapshot), retain=True)
+            asked = CountersRequest.model_validate_json(bytes(message.payload))
+            rows = [row for row in meter.rows() if topics.run_of(row.topic) == asked.run]
+            for number, row in enumerate(rows, 1):
+                piece = CountersPiece(
+                    asked=asked.asked, run=asked.run, piece=number, pieces=len(rows), metering=True, rows=(row,)
+                )
+                bus.publish(topics.broker_answer(asked.asked), encode_json(piece))
 
         threads.append(threading.Thread(target=answer, daemon=True))
         threads[-1].start()
@@ -340,6 +342,7 @@ def test_the_embedded_brokers_counters_of_this_run_feed_the_bill(
 ) -> None:
     monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", DEADLINE_S)
     meter = Meter("broker")
+    meter.count("agent-2", WEIGHTS, "in", 1000, 1040)
     meter.count("agent-2", WEIGHTS, "out", 1000, 1040)
     meter.count("agent-2", topics.weights("other-run", "maml", 1, 1), "out", 7, 47)
     answering(table.hub.connect("broker"), meter)
@@ -347,7 +350,7 @@ def test_the_embedded_brokers_counters_of_this_run_feed_the_bill(
     table.pump()
     table.recorder.close("complete")
     rows = table.lines("meter.jsonl")
-    assert [row["payload_bytes"] for row in rows if row["side"] == "broker"] == [1000]
+    assert [row["payload_bytes"] for row in rows if row["side"] == "broker"] == [1000, 1000]
     summary = table.json("summary.json")
     assert summary["metered_by"] == "broker"
     assert summary["arms"]["maml"]["bytes"]["sidelink"]["messages"] == 1
