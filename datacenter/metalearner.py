@@ -51,9 +51,7 @@ class Batches(NamedTuple):
 class MetaLearner:
     """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(
-        self, scenario: Scenario, method: Method, folder: Path | None = None, tally: TallyOf = nobody
-    ) -> None:
+    def __init__(self, scenario: Scenario, method: Method, folder: Path | None = None, tally: TallyOf = nobody) -> None:
         """`folder`: for the frames of the replay memories, for who wants to go on from a state.
 
         `tally`: counts batch gradients as they are computed, also of a round that is not kept.
