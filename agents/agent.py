@@ -79,6 +79,7 @@ class Robot:
         self.exchange = Exchange(bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows)
         self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
         self._sent: dict[str, set[int]] = {}
+        self._meter = bus.meter
 
     def initial_weights(self) -> Weights:
         """Random weights, the same for all robots of a cluster, as federated averaging needs."""
@@ -89,6 +90,7 @@ class Robot:
         """Send experience up while the data center asks for it; return the meta-model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
+        self.explorer.tally = self._meter.tally("maml", method, self.task)
         if self.agent in self.scenario.training_agents.get(self.task, ()):
             while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
@@ -103,7 +105,8 @@ class Robot:
         """Federated learning, eq. (6), until the cluster's R reaches the target."""
         scenario, settings, here = self.scenario, self.scenario.federation, self.exchange.here
         rng = stream(scenario.seed, arm.name, "learn", self.agent)
-        learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames)
+        tally = self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
+        learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames, tally)
         sharing = sharing_of(arm, self.exchange, scenario, len(here.neighbours))
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window, may_miss=may_miss)
@@ -160,6 +163,7 @@ class Robot:
 
     def follow(self, arm: Arm, weights: Weights) -> None:
         """Centralized learning: act by the data center's model."""
+        self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
         follow(self.scenario, arm, weights, self.exchange, self.explorer, self.memory)
 
     def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:

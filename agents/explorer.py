@@ -20,6 +20,7 @@ from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.settings import Starts
 from common.state import State, generator_state, load_generator
+from common.work import Tally
 
 Frame = npt.NDArray[np.uint8]
 
@@ -37,6 +38,8 @@ class Explorer:
         self._starts = self._start_cells(scenario.cluster(self._task), scenario.learning.starts)
         self._rng = stream(scenario.seed, "explore", agent)
         self._frame: Frame | None = None
+        self.tally = Tally()
+        """Counts each motion as it is made, also of a round that is not kept."""
 
     @cached_property
     def _best(self) -> npt.NDArray[np.int64]:
@@ -77,6 +80,7 @@ class Explorer:
                 learner.replay.observe(self._frame, first=True)
             action = epsilon_greedy(learner.q_values(self._frame), epsilon, self._rng)
             frame, reward, terminated, truncated, _ = self._env.step(action)
+            self.tally.motion()
             learner.replay.act(action, float(reward), terminated=terminated)
             self._frame = self._resized(frame)
             learner.replay.observe(self._frame, first=False)
@@ -134,6 +138,7 @@ class Explorer:
                 frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
             action = choose(frame, info["cell"])
             next_frame, reward, terminated, truncated, info = self._env.step(action)
+            self.tally.motion()
             header = MotionHeader(
                 task=self._task,
                 agent=self._agent,

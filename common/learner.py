@@ -18,6 +18,7 @@ from common.replay import Batch, Replay
 from common.settings import Learning as LearningSettings
 from common.settings import Network
 from common.state import State, generator_state, load_generator
+from common.work import Tally
 
 Weights = dict[str, npt.NDArray[np.float32]]
 
@@ -62,11 +63,16 @@ class Learner(Policy):
         weights: Weights,
         rng: np.random.Generator,
         replay_file: Path | None = None,
+        tally: Tally | None = None,
     ) -> None:
-        """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state."""
+        """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state.
+
+        `tally`: counts each batch gradient as it is computed, also of a round that is not kept.
+        """
         super().__init__(network, weights)
         self._settings = settings
         self._rng = rng
+        self._tally = tally or Tally()
         self._target = build_qnetwork(network).requires_grad_(False)
         load_weights(self._target, weights)
         self._parameters = list(self.online.parameters())
@@ -140,6 +146,7 @@ class Learner(Policy):
         nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)
         self._optimizer.step()
         self.steps += 1
+        self._tally.gradients()
         if self.steps % settings.target_every == 0:
             polyak_update(self._target_parameters, self._parameters, settings.target_polyak)
         return loss.detach()

@@ -1,4 +1,4 @@
-"""Byte counters, the same on both sides of the bus: facts only, never prices.
+"""Byte counters, the same on both sides of the bus, and beside a client's those of its work: facts only, never prices.
 
 MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length)) + remaining_length.
 """
@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.counters import Counters, Key, read_counters
 from common.topics import Link, arm_of, link_of, phase_of
+from common.work import WORK, Phase, Tally, WorkRow, work_key, work_rows
 
 Direction = Literal["in", "out", "acked", "repeated"]
 """in, out: whole PUBLISH packets as the side sees them. acked, of the broker: those of out whose receipt the client
@@ -91,23 +92,38 @@ class Meter:
                     totals[str(link_of(topic))] += payload_bytes
         return totals
 
+    def tally(self, phase: Phase, arm: str, task: int) -> Tally:
+        """Where the process books what it computes and moves there; kept as the bytes are."""
+        with self._lock:
+            return Tally(self._counters.cell(work_key(phase, arm, task)))
+
+    def work(self, client: str) -> list[WorkRow]:
+        """What `client`, whose meter this is, has done."""
+        with self._lock:
+            return work_rows(client, self._counters.items())
+
     def flush(self) -> None:
         """Have the counts on the disk, if there is a folder."""
         self._counters.flush()
 
 
 def rows_of(side: Side, items: Iterable[tuple[Key, Sequence[int]]]) -> list[MeterRow]:
-    """Counted cells as rows."""
+    """Counted cells of bytes as rows."""
     return [
         MeterRow.of(side, client, topic, cast(Direction, direction), counts)
         for (client, topic, direction), counts in items
-        if counts[0]
+        if counts[0] and direction != WORK
     ]
 
 
 def read_rows(side: Side, folder: Path) -> list[MeterRow]:
     """The rows of a meter whose process may have been killed."""
     return rows_of(side, sorted(read_counters(folder).items()))
+
+
+def read_work(client: str, folder: Path) -> list[WorkRow]:
+    """What a process that may have been killed has done."""
+    return work_rows(client, sorted(read_counters(folder).items()))
 
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:

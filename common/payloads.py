@@ -102,6 +102,7 @@ class Acknowledgement(Header):
     """The recorder has written down what was published on `topic`."""
 
     topic: str
+    part: str = Field("", description="of a report: which piece of which one")
 
 
 class Claim(Header):

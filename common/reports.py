@@ -1,12 +1,15 @@
-"""What processes tell the recorder: rows of the run log, learned models, and their final byte counters.
+"""What processes tell the recorder: rows of the run log, learned models, and their final counters.
 
 Rows go out as they are made, for who watches; that they are all written down is sure only by the report at the end,
-which holds them all and is sent until the recorder has acknowledged it. Without a recorder nobody waits for one.
+which holds them all. It goes in pieces, so that no message grows with the rounds, each sent until the recorder has
+acknowledged it. Without a recorder nobody waits for one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import secrets
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain, pairwise
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,12 +19,15 @@ from common.bus import Message, Payload
 from common.lines import whole_lines
 from common.listener import Listener
 from common.meter import MeterRow
-from common.payloads import Acknowledgement, Count, Presence, decode_json, encode_json
+from common.payloads import MAX_COUNT, Acknowledgement, Count, Presence, decode_json, encode_json
 from common.runlog import RoundRow
 from common.topics import Link
+from common.work import WorkRow
 
-MAX_REPORT_BYTES = 16 * 1024 * 1024
-"""Counters by topic: 200 to 300 bytes a row, so some 60 000 rows."""
+PIECE_BYTES = 256 * 1024
+"""What a piece of a report is filled to; one holds a row at least."""
+MAX_REPORT_BYTES = 4 * PIECE_BYTES
+"""The largest piece that is taken."""
 
 
 class Telemetry(BaseModel):
@@ -34,13 +40,23 @@ class Telemetry(BaseModel):
 
 
 class MeterReport(BaseModel):
-    """A client's counters and rows at its end."""
+    """A piece of a client's counters and rows at its end; a report has one at least."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     client: str = Field(max_length=100)
+    token: str = Field("", max_length=100)
+    """Of the report: the next life of a process that was killed while it handed one in begins another."""
+    piece: int = Field(1, ge=1, le=MAX_COUNT)
+    last: bool = True
     rows: list[MeterRow]
     rounds: list[RoundRow]
+    work: list[WorkRow] = Field(default_factory=list)
+
+    @property
+    def part(self) -> str:
+        """What an acknowledgement names the piece by."""
+        return f"{self.token}/{self.piece}"
 
 
 class Reporter:
@@ -52,7 +68,7 @@ class Reporter:
         self._lines: list[bytes] = []  # where there is no file
         if rows is not None:
             whole_lines(rows)
-        self._acknowledged: set[str] = set()
+        self._acknowledged: set[tuple[str, str]] = set()
         self._recorded = False
         listener.handlers |= {"ack": self._take_acknowledgement, "here": self._take_recorder}
         self._bus.subscribe(topics.recorder(run), topics.acknowledgement(run, self._bus.client))
@@ -69,15 +85,16 @@ class Reporter:
         telemetry = Telemetry(row=row, received=received)
         self._bus.publish(topics.telemetry(self._run, row.arm, self._bus.client), encode_json(telemetry))
 
-    def deliver(self, topic: str, payload: Payload) -> None:
+    def deliver(self, topic: str, payload: Payload, part: str = "") -> None:
         """Give the recorder, if there is one, something that it must not miss."""
-        self._acknowledged.discard(topic)
+        self._acknowledged.discard((topic, part))
 
         def send() -> None:
             self._bus.publish(topic, payload)
 
         send()
-        self._listener.until(lambda: self._is_known(topic), lambda: f"the recorder to take {topic}", send)
+        self._listener.until(lambda: self._is_known(topic, part), lambda: f"the recorder to take {topic}", send)
+        self._acknowledged.discard((topic, part))
 
     def leave(self, filters: Sequence[str], presence: str) -> None:
         """Hear nothing more, then hand in rows and byte counters, final from there on, and disconnect."""
@@ -87,22 +104,66 @@ class Reporter:
         self._bus.flush()
         # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
         topic = topics.meter_report(self._run, self._bus.client)
-        lines = self._lines if self._file is None else whole_lines(self._file)
-        report = MeterReport(client=self._bus.client, rows=self._bus.meter.rows(), rounds=_once(lines))
-        self.deliver(topic, encode_json(report))
+        for piece in self._pieces():
+            self.deliver(topic, encode_json(piece), piece.part)
+            self._bus.flush()  # without a recorder as well: one piece at a time is in memory
         self._bus.close()
 
-    def _is_known(self, topic: str) -> bool:
-        return topic in self._acknowledged or not self._recorded
+    def _pieces(self) -> Iterator[MeterReport]:
+        """The report: counters and work first, then the rows as they are read."""
+        client, meter, token = self._bus.client, self._bus.meter, secrets.token_hex(8)
+        pieces = _cut(chain(meter.rows(), meter.work(client), _once(self._told)))
+        for number, (held, after) in enumerate(pairwise(chain(pieces, (None,))), start=1):
+            rows = {name: [row for row in held or () if isinstance(row, kind)] for name, kind in _KINDS.items()}
+            yield MeterReport.model_validate(
+                {"client": client, "token": token, "piece": number, "last": after is None, **rows}
+            )
+
+    def _told(self) -> Iterator[bytes]:
+        """The lines of all rows that were told."""
+        if self._file is None:
+            yield from self._lines
+        elif self._file.exists():
+            with self._file.open("rb") as file:
+                yield from file
+
+    def _is_known(self, topic: str, part: str) -> bool:
+        return (topic, part) in self._acknowledged or not self._recorded
 
     def _take_acknowledgement(self, message: Message) -> None:
-        self._acknowledged.add(decode_json(message.payload, Acknowledgement).topic)
+        told = decode_json(message.payload, Acknowledgement)
+        self._acknowledged.add((told.topic, told.part))
 
     def _take_recorder(self, message: Message) -> None:
         self._recorded = bool(message.payload) and decode_json(message.payload, Presence).state == "here"
 
 
-def _once(lines: Iterable[bytes]) -> list[RoundRow]:
-    """Rows, each once: a process that was killed tells its last row again."""
-    rows = map(RoundRow.model_validate_json, lines)
-    return list({row.sort_key(): row for row in rows}.values())
+Row = MeterRow | WorkRow | RoundRow
+_KINDS: dict[str, type[Row]] = {"rows": MeterRow, "work": WorkRow, "rounds": RoundRow}
+
+
+def _cut(rows: Iterable[Row]) -> Iterator[list[Row]]:
+    """Rows in lists of PIECE_BYTES as JSON at most, or of one row; one list at least."""
+    held: list[Row] = []
+    size_bytes = 0
+    for row in rows:
+        row_bytes = len(row.model_dump_json()) + 1
+        if held and size_bytes + row_bytes > PIECE_BYTES:
+            yield held
+            held, size_bytes = [], 0
+        held.append(row)
+        size_bytes += row_bytes
+    yield held
+
+
+def _once(told: Callable[[], Iterable[bytes]]) -> Iterator[RoundRow]:
+    """Rows, each once as it was told last: a process that was killed tells its last rows again.
+
+    `told` is read twice, so that no more of it is in memory than which line is which round's.
+    """
+    newest: dict[tuple[object, ...], dict[int, int]] = {}
+    for number, row in enumerate(map(RoundRow.model_validate_json, told())):
+        newest.setdefault(row.sort_key()[:-1], {})[row.round] = number
+    for number, row in enumerate(map(RoundRow.model_validate_json, told())):
+        if newest[row.sort_key()[:-1]][row.round] == number:
+            yield row

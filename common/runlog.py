@@ -3,6 +3,7 @@
 ``manifest.json``   scenario resolved, seed, versions, host
 ``rounds.jsonl``    one row a robot and round; agent 0 is the data center
 ``meter.jsonl``     cumulative byte counters, both sides of the bus
+``work.jsonl``      gradients and motions that each process has done, kept or not
 ``progress.jsonl``  payload bytes received so far by link class, over time
 ``summary.json``    rounds, rewards, joules and bytes of each arm
 ``weights/``        learned weights and meta-models as safetensors
@@ -11,8 +12,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,14 +23,16 @@ from common.errors import ConfigurationError
 from common.lines import whole_lines
 from common.meter import MeterRow
 from common.state import write_whole
+from common.work import WorkRow
 
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
-MANIFEST, ROUNDS, METER, PROGRESS, SUMMARY = (
+MANIFEST, ROUNDS, METER, WORK, PROGRESS, SUMMARY = (
     "manifest.json",
     "rounds.jsonl",
     "meter.jsonl",
+    "work.jsonl",
     "progress.jsonl",
     "summary.json",
 )
@@ -87,13 +89,13 @@ class RunDirectory:
         if not resume and path.exists() and any(path.iterdir()):
             raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
         self.path = path
-        self._told: dict[tuple[object, ...], tuple[int, int]] = {}  # whose rows: how many, and the newest round
+        self._told: dict[tuple[object, ...], bytearray] = {}  # whose rows: by round, whether it is there
         if resume:
             whole_lines(path / ROUNDS)
             whole_lines(path / PROGRESS)
-            for name in (METER, SUMMARY):  # of a run that was interrupted
+            for name in (METER, WORK, SUMMARY):  # of a run that was interrupted
                 (path / name).unlink(missing_ok=True)
-            for row in self.rows:
+            for row in self._each_row():
                 self._book(row)
         (path / "weights").mkdir(parents=True, exist_ok=True)
 
@@ -106,27 +108,21 @@ class RunDirectory:
 
         So is one that comes late: `complete` brings it.
         """
-        if self._book(row):
+        if row.round >= len(self._told.get(_whose(row), b"")) and self._book(row):
             self._append(ROUNDS, row.model_dump_json(exclude_none=False))
 
-    def complete(self, rows: Sequence[RoundRow]) -> None:
-        """Append those of a process's rows that have not come; `rows` are all of them."""
-        counts = Counter(map(_whose, rows))
-        if all(self._told.get(whose, (0, 0))[0] == count for whose, count in counts.items()):
-            return
-        there = {row.sort_key() for row in self.rows}
+    def complete(self, rows: Iterable[RoundRow]) -> None:
+        """Append those of a process's rows that have not come; `rows` are some of them, in any order."""
         for row in rows:
-            if row.sort_key() not in there:
+            if self._book(row):
                 self._append(ROUNDS, row.model_dump_json(exclude_none=False))
-                count, newest = self._told.get(_whose(row), (0, 0))
-                self._told[_whose(row)] = count + 1, max(newest, row.round)
 
     def _book(self, row: RoundRow) -> bool:
-        """Whether a row is newer than all that its process has told."""
-        count, newest = self._told.get(_whose(row), (0, 0))
-        if row.round > newest:
-            self._told[_whose(row)] = count + 1, row.round
-        return row.round > newest
+        """Whether a row is not there yet."""
+        there = self._told.setdefault(_whose(row), bytearray())
+        there.extend(bytes(max(0, row.round + 1 - len(there))))
+        is_new, there[row.round] = not there[row.round], 1
+        return is_new
 
     def progress(self, row: dict[str, Any]) -> None:
         """Append a point of the byte curves."""
@@ -135,6 +131,10 @@ class RunDirectory:
     def meter(self, rows: Iterable[MeterRow]) -> None:
         """Write the final counters."""
         self._replace(METER, "".join(row.model_dump_json() + "\n" for row in rows))
+
+    def work(self, rows: Iterable[WorkRow]) -> None:
+        """Write what the processes have done."""
+        self._replace(WORK, "".join(row.model_dump_json() + "\n" for row in rows))
 
     def summary(self, summary: dict[str, Any]) -> None:
         """Write the summary, and the rows in their final order."""
@@ -150,11 +150,13 @@ class RunDirectory:
     @property
     def rows(self) -> list[RoundRow]:
         """Rows written so far, in order of arrival; read again, so that memory does not grow with the rounds."""
+        return list(self._each_row())
+
+    def _each_row(self) -> Iterator[RoundRow]:
         path = self.path / ROUNDS
-        if not path.exists():
-            return []
-        with path.open(encoding="utf-8") as file:
-            return [RoundRow.model_validate_json(line) for line in file]
+        if path.exists():
+            with path.open(encoding="utf-8") as file:
+                yield from map(RoundRow.model_validate_json, file)
 
     def _append(self, name: str, line: str) -> None:
         with (self.path / name).open("a", encoding="utf-8") as file:

@@ -13,6 +13,7 @@ from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import State
 from common.streams import WeightsEncoder
+from common.work import TallyOf, nobody
 from datacenter.cluster_desk import Turn
 from datacenter.motions import Motion, read_motion, remember
 
@@ -24,9 +25,9 @@ class CentralLearner:
 
     word = "experience"
 
-    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
-        """`folder`: for the frames of the replay memories."""
-        self._scenario, self._folder = scenario, folder
+    def __init__(self, scenario: Scenario, folder: Path | None = None, tally: TallyOf = nobody) -> None:
+        """`folder`: for the frames of the replay memories; `tally`: counts batch gradients as they are computed."""
+        self._scenario, self._folder, self._tally = scenario, folder, tally
         self.per_robot = scenario.learning.motions_per_round
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
@@ -70,4 +71,5 @@ class CentralLearner:
         settings = scenario.learning.model_copy(update={"replay_size": size})
         weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
         frames = self._folder / f"frames-{task}.bin" if self._folder else None
-        return Learner(scenario.network, settings, weights, stream(scenario.seed, METHOD, "learn", task), frames)
+        rng = stream(scenario.seed, METHOD, "learn", task)
+        return Learner(scenario.network, settings, weights, rng, frames, self._tally(task))

@@ -18,6 +18,7 @@ from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import State
+from common.work import TallyOf, nobody
 from datacenter.maml import (
     Loss,
     Params,
@@ -50,8 +51,12 @@ class Batches(NamedTuple):
 class MetaLearner:
     """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(self, scenario: Scenario, method: Method, folder: Path | None = None) -> None:
-        """`folder`: for the frames of the replay memories, for who wants to go on from a state."""
+    def __init__(self, scenario: Scenario, method: Method, folder: Path | None = None, tally: TallyOf = nobody) -> None:
+        """`folder`: for the frames of the replay memories, for who wants to go on from a state.
+
+        `tally`: counts batch gradients as they are computed, also of a round that is not kept.
+        """
+        self._tally = tally
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
@@ -90,16 +95,14 @@ class MetaLearner:
             self.meta_model.zero_gradients()
             for task, batches in zip(updates, update, strict=True):
                 gradient, adapted = self._gradient(task, batches)
+                done = self._counts(len(batches.support), len(batches.query))
+                self._tally(task).gradients(done.support, done.query)
                 self.meta_model.add_gradient(task, gradient, 1 / len(updates))
                 torch._foreach_lerp_(
                     list(self._targets[task].values()), list(adapted.values()), self._settings.target_polyak
                 )
             self._update(round_)
-        support, query = self._settings.support_batches, self._settings.query_batches
-        # Reptile's and joint training's batches are all of one kind.
-        plain = self._method in ("reptile", "multitask")
-        counts = Gradients(support + query, 0) if plain else Gradients(support, query)
-        return dict.fromkeys(updates, counts)
+        return dict.fromkeys(updates, self._counts(self._settings.support_batches, self._settings.query_batches))
 
     def weights(self) -> dict[str, npt.NDArray[np.float32]]:
         """A copy of the meta-model's parameters, as it goes down (see `MetaModel.weights`)."""
@@ -133,6 +136,11 @@ class MetaLearner:
             }
         for task, held in self._replays.items():
             held.load_state(state.part(f"replay-{task}"))
+
+    def _counts(self, support: int, query: int) -> Gradients:
+        """Batches as gradients: Reptile's and joint training's are all of one kind."""
+        plain = self._method in ("reptile", "multitask")
+        return Gradients(support + query, 0) if plain else Gradients(support, query)
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""

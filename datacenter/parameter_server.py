@@ -16,6 +16,7 @@ from common.rewards import RewardLedger
 from common.scenario import Scenario
 from common.state import State
 from common.streams import WeightsDecoder, WeightsEncoder
+from common.work import TallyOf, nobody
 from datacenter.cluster_desk import Turn
 
 Arrived = tuple[Tensors, ModelHeader]
@@ -30,8 +31,8 @@ class ParameterServer:
 
     word, per_robot = "weights", 1
 
-    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
-        """`folder`: not needed, everything is in `state`."""
+    def __init__(self, scenario: Scenario, folder: Path | None = None, tally: TallyOf = nobody) -> None:
+        """`folder`: not needed, everything is in `state`; `tally`: no gradient is computed here."""
         self._clusters = scenario.clusters
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
         self._codec = scenario.federation.weights_codec

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from functools import partial
 from pathlib import Path
 
 from common import topics
@@ -76,7 +77,7 @@ def meta_train(
     """Collect experience and meta-train for t0 rounds, send meta-models down, stay until all robots have them."""
     bus, settings = listener.bus, scenario.meta
     arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
-    learner = MetaLearner(scenario, method, checkpoint.folder)
+    learner = MetaLearner(scenario, method, checkpoint.folder, partial(bus.meter.tally, "maml", method))
     collector = Collector(listener, scenario, run, method)
     done, models = checkpoint.restore(learner), checkpoint.models()
     collector.join(done)

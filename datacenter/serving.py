@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,13 @@ from common.reports import Reporter
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.state import State
+from common.work import TallyOf
 from datacenter.central import CentralLearner
 from datacenter.checkpoint import Checkpoint
 from datacenter.cluster_desk import ClusterDesk, Service
 from datacenter.parameter_server import ParameterServer
 
-SERVICES: dict[str, Callable[[Scenario, Path | None], Service[Any]]] = {
+SERVICES: dict[str, Callable[[Scenario, Path | None, TallyOf], Service[Any]]] = {
     "fedavg": ParameterServer,
     "centralized": CentralLearner,
 }
@@ -34,7 +36,7 @@ def serve(
     checkpoint: Checkpoint,
 ) -> None:
     """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
-    service = SERVICES[method](scenario, checkpoint.folder)
+    service = SERVICES[method](scenario, checkpoint.folder, partial(listener.bus.meter.tally, "fl", method))
     opened = 2 * scenario.arm_names.index(method) + 1
     desk = ClusterDesk(listener, scenario, run, method, service, done=opened + 1)
     for task in scenario.clusters:

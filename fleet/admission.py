@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from common import topics
 from common.errors import PayloadError
 from common.payloads import Presence
-from common.reports import MeterReport, Telemetry
+from common.reports import MeterReport
+from common.runlog import RoundRow
 from common.scenario import Scenario
 
 
@@ -29,13 +30,12 @@ def check_presence(presence: Presence, topic: str, scenario: Scenario, run: str)
         raise PayloadError(f"presence of robot {agent}, expected the topic's")
 
 
-def check_row(telemetry: Telemetry, client: str, scenario: Scenario) -> None:
+def check_row(row: RoundRow, client: str, scenario: Scenario) -> None:
     """Hold a row against the scenario and its sender.
 
     Raises:
         PayloadError: no process of this run called `client` has such a row.
     """
-    row = telemetry.row
     last = max(scenario.federation.max_rounds, scenario.meta.t0)
     known = row.arm in scenario.arm_names and row.agent in (0, *scenario.clusters.get(row.task, ()))
     if not known or not 1 <= row.round <= last or client != client_of(row.agent):
@@ -45,14 +45,20 @@ def check_row(telemetry: Telemetry, client: str, scenario: Scenario) -> None:
         )
 
 
-def check_report(report: MeterReport, client: str, expected: Sequence[str]) -> None:
-    """Hold final counters against their sender.
+def check_report(report: MeterReport, client: str, expected: Sequence[str], scenario: Scenario) -> None:
+    """Hold final counters and rows against their sender.
 
     Raises:
-        PayloadError: they are not of one of the `expected` clients, on its own topic.
+        PayloadError: they are not those of one of the `expected` clients, on its own topic.
     """
     if report.client != client or client not in expected:
         raise PayloadError(f"counters of {report.client} on the topic of {client}, expected one of {expected}")
+    whose = {("client", report.client), *((row.side, row.client) for row in report.rows)}
+    whose |= {("client", row.client) for row in report.work}
+    if len(whose) > 1:
+        raise PayloadError(f"counters of {sorted(whose)} on the topic of {client}, expected its own")
+    for row in report.rounds:
+        check_row(row, client, scenario)
 
 
 def learned_name(arm: str, task: str, scenario: Scenario) -> str:

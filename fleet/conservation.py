@@ -1,7 +1,8 @@
 """Whether what the broker delivered is what clients received, and what faults have cost: a run's bytes held together.
 
-For each client and topic: what the client acknowledged <= what it received <= what the broker wrote to it. Without
-faults all three are equal, at QoS 1; with faults the difference was written to connections that broke.
+For each client and topic: what the client acknowledged <= what it received <= what the broker wrote to it, in messages
+and in payload bytes. Without faults all three are equal, at QoS 1; with faults the difference was written to
+connections that broke.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Balance:
         go with it: there only the first holds.
         """
         own = self.topic.endswith("/claim") or self.topic.endswith(f"/{self.client.removeprefix('agent-')}/presence")
-        return (own or self.acknowledged <= self.received) and self.received <= self.delivered
+        return (own or _within(self.acknowledged, self.received)) and _within(self.received, self.delivered)
 
     @property
     def lost(self) -> tuple[int, int]:
@@ -74,6 +75,11 @@ def balances(meter_rows: Sequence[MeterRow]) -> list[Balance]:
         if name is not None and row.client in told and is_party(row.client):
             parts.setdefault((row.client, row.topic), {})[name] = row.messages, row.payload_bytes
     return [Balance(client, topic, **counts) for (client, topic), counts in sorted(parts.items())]
+
+
+def _within(part: tuple[int, int], whole: tuple[int, int]) -> bool:
+    """Whether a part is neither more messages than the whole nor more bytes."""
+    return all(less <= more for less, more in zip(part, whole, strict=True))
 
 
 def _sum(pairs: Iterable[tuple[int, int]]) -> tuple[int, int]:

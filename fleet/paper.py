@@ -6,11 +6,14 @@ Learning", 2022, arXiv 2212.01049. Its other constants (Table I) are the default
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-from common.energy import PublishedBill, published_bill
+from common.energy import TABLE_I, PublishedBill, published_bill
 from common.methods import META_METHODS
+from common.scenario import Scenario
 from common.settings import Energy
+from fleet.expected import scenario_sizes
 
 # Table II: MAML rounds t0 -> FL rounds t_1 .. t_6, means of 15 Monte Carlo runs. 0 is "no MAML".
 TABLE_II: dict[int, tuple[float, ...]] = {
@@ -24,6 +27,8 @@ TABLE_II: dict[int, tuple[float, ...]] = {
 }
 TRAINING_TASKS = (1, 2, 6)  # section IV-A
 TRAINING_ROBOTS = 3  # section IV-A
+CLUSTER_ROBOTS = 2  # section IV-A
+_CONSTANTS = ("p0_w", "t0_batch_s", "pk_w", "tk_batch_s", "pue", "sidelink")
 
 
 class PrintedTotal(NamedTuple):
@@ -46,6 +51,27 @@ PAPER_METHODS = ("fl", "maml", "fomaml")
 """Methods whose energy the paper prints: it does not say whether its gradients through gradients are exact."""
 
 
+def is_papers_deployment(scenario: Scenario) -> bool:
+    """Whether a round computes and moves for as many robots as the paper's: 3 that train, and clusters of 2."""
+    training = sum(len(agents) for agents in scenario.training_agents.values())
+    sizes = {len(cluster) for cluster in scenario.clusters.values()}
+    return training == TRAINING_ROBOTS and sizes == {CLUSTER_ROBOTS}
+
+
+def is_papers_scenario(scenario: Scenario, energy: Energy) -> bool:
+    """Whether it is the paper's own experiment that is priced: its tasks, batches, bytes and Table I."""
+    return (
+        is_papers_deployment(scenario)
+        and len(scenario.clusters) == len(TABLE_II[0])
+        and scenario.meta.training_tasks == TRAINING_TASKS
+        and all(getattr(energy, name) == getattr(Energy(), name) for name in _CONSTANTS)
+        and all(
+            math.isclose(getattr(scenario_sizes(scenario), name), getattr(TABLE_I, name), rel_tol=0.01)
+            for name in ("support_batches", "query_batches", "robot_batches", "experience_bytes", "weights_bytes")
+        )
+    )
+
+
 def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float) -> PrintedTotal | None:
     """The printed total nearest to an arm: of its method and efficiencies, of its t0 if there is one for it."""
     if method not in PAPER_METHODS:
@@ -53,6 +79,13 @@ def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float
     totals = (NO_MAML,) if method == "fl" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
     fitting = [each for each in totals if (each.ul_bit_per_j, each.sl_bit_per_j) == (ul_bit_per_j, sl_bit_per_j)]
     return next((each for each in fitting if each.t0 == t0), fitting[0] if fitting else None)
+
+
+def published_here(
+    method: str, t0: float, fl_rounds: float, scenario: Scenario, energy: Energy
+) -> PublishedBill | None:
+    """`published_of` an arm of the paper's deployment, None in any other."""
+    return published_of(method, t0, fl_rounds, energy) if is_papers_deployment(scenario) else None
 
 
 def published_of(method: str, t0: float, fl_rounds: float, energy: Energy) -> PublishedBill | None:

@@ -1,7 +1,8 @@
 """From a run's facts (rounds and bytes) to what is priced, arm by arm. Pure; no files, no prices.
 
 Arms of one meta-learning method share its stage: rows and uplink bytes are booked under the method's own name, and
-each arm that starts from an earlier meta-model is charged for the rounds up to it.
+each arm that starts from an earlier meta-model is charged for the rounds up to it. `lost` is what was computed and is
+in no row (see `fleet.lost_work`): it was paid for as well.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from common.methods import META_METHODS, method_of, snapshot_of
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.topics import Link
+from common.work import WorkRow
+from fleet.lost_work import lost_counts
 from fleet.traffic import Measure, sent_bytes, traffic
 
 
@@ -32,21 +35,33 @@ class TaskResult:
 
 
 def arm_counts(
-    rows: Iterable[RoundRow], meter_rows: Sequence[MeterRow], arm: str, *, measure: Measure = "payload"
+    rows: Iterable[RoundRow],
+    meter_rows: Sequence[MeterRow],
+    arm: str,
+    *,
+    measure: Measure = "payload",
+    lost: Sequence[WorkRow] = (),
 ) -> StageCounts:
     """What an arm computed and moved in both stages, all tasks together."""
     rows = list(rows)
     return StageCounts(
-        meta_counts(rows, meter_rows, arm, measure=measure), task_counts(rows, meter_rows, arm, measure=measure)
+        meta_counts(rows, meter_rows, arm, measure=measure, lost=lost),
+        task_counts(rows, meter_rows, arm, measure=measure, lost=lost),
     )
 
 
 def meta_counts(
-    rows: Iterable[RoundRow], meter_rows: Sequence[MeterRow], arm: str, *, measure: Measure = "payload"
+    rows: Iterable[RoundRow],
+    meter_rows: Sequence[MeterRow],
+    arm: str,
+    *,
+    measure: Measure = "payload",
+    lost: Sequence[WorkRow] = (),
 ) -> Counts:
     """What the meta-learning behind an arm computed and moved, up to the round that the arm starts from.
 
-    The downlink is the arm's own. Nothing for methods without meta-learning.
+    The downlink is the arm's own; lost work is spread over the rounds as the uplink is. Nothing for methods without
+    meta-learning.
     """
     method = method_of(arm)
     if method not in META_METHODS:
@@ -55,9 +70,14 @@ def meta_counts(
     part, whole = _uplink_share([row for row in stage if row.agent == 0], snapshot_of(arm))
     uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK), measure)
     behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
-    return _gradients(behind) + Counts(
-        uplink_bytes=uplink_bytes * part / whole,
-        downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK), measure),
+    wasted = lost_counts((row for row in lost if (row.phase, row.arm) == ("maml", method)), part / whole)
+    return (
+        _gradients(behind)
+        + wasted
+        + Counts(
+            uplink_bytes=uplink_bytes * part / whole,
+            downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK), measure),
+        )
     )
 
 
@@ -68,6 +88,7 @@ def task_counts(
     *,
     task: int | None = None,
     measure: Measure = "payload",
+    lost: Sequence[WorkRow] = (),
 ) -> Counts:
     """What an arm's learning of `task` (default: of all tasks) computed and moved, meta-learning left out.
 
@@ -76,11 +97,16 @@ def task_counts(
     mine = [row for row in rows if row.arm == arm and row.phase == "fl" and task in (None, row.task)]
     served = () if method_of(arm) in META_METHODS else (Link.UPLINK, Link.DOWNLINK)
     moved = {link: getattr(traffic(meter_rows, arm, link, task), measure) for link in (Link.SIDELINK, *served)}
-    return _gradients(mine) + Counts(
-        uplink_bytes=moved.get(Link.UPLINK, 0),
-        downlink_bytes=moved.get(Link.DOWNLINK, 0),
-        sidelink_bytes=moved[Link.SIDELINK],
-        sidelink_sent_bytes=sent_bytes(meter_rows, arm, task, measure),
+    wasted = lost_counts(row for row in lost if (row.phase, row.arm) == ("fl", arm) and task in (None, row.task))
+    return (
+        _gradients(mine)
+        + wasted
+        + Counts(
+            uplink_bytes=moved.get(Link.UPLINK, 0),
+            downlink_bytes=moved.get(Link.DOWNLINK, 0),
+            sidelink_bytes=moved[Link.SIDELINK],
+            sidelink_sent_bytes=sent_bytes(meter_rows, arm, task, measure),
+        )
     )
 
 

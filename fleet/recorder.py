@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 import logging
-import secrets
 import time
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
-from common.meter import MeterRow, read_rows
+from common.meter import MeterRow, read_rows, read_work
 from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
-from common.snapshot import PIECE_BYTES, CountersPiece, CountersRequest
+from common.work import WorkRow
 from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
+from fleet.broker_counters import CLIENTS, BrokerCounters
+from fleet.handed_in import HandedIn
 from fleet.summary import summarise
 from fleet.traffic import DATA_CENTER
 
 log = logging.getLogger("jouleswarm.recorder")
 
 CLIENT = topics.RECORDER
+Status = Literal["complete", "interrupted", "failed"]
 _PROGRESS_EVERY_S = 0.5
-_SNAPSHOT_WAIT_S = 3.0
 
 
 class Recorder:
@@ -39,11 +41,10 @@ class Recorder:
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
         self._begun = time.monotonic()
         self._progress_at = 0.0
-        self._reports: dict[str, list[MeterRow]] = {}
+        self._reports = HandedIn()
         self._received: dict[str, dict[topics.Link, int]] = {}
         self.refused = 0
-        self._broker_rows: list[MeterRow] = []
-        self._asked, self._answered = "", False
+        self._is_late = False
         self._gone: dict[str, float] = {}
         self._filters = [
             topics.telemetry(run, "+", "+"),
@@ -53,13 +54,15 @@ class Recorder:
             topics.presence(run, "+", "+"),
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
+        self._broker = BrokerCounters(bus, run, scenario.bus, self._hear)
+        self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
         bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
 
     @property
     def waiting_for(self) -> list[str]:
         """Processes that have not handed in their counters yet."""
-        left = [client for client in self._clients if client not in self._reports]
+        left = [client for client in self._clients if client not in self._reports.whole]
         return [] if all(self._is_left_out(client) for client in left) else left
 
     @property
@@ -88,11 +91,7 @@ class Recorder:
             message = self._bus.receive(left_s)
             if message is None:
                 return
-            try:
-                self._take(message)
-            except PayloadError as error:
-                self.refused += 1
-                log.warning("refused a message on %s: %s", message.topic, error)
+            self._hear(message)
 
     def check(self) -> None:
         """Notice a process that died and has not come back.
@@ -123,36 +122,54 @@ class Recorder:
             return False
         return self.elapsed_s - since_s > settings.missing_after_s
 
-    def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
-        """Fetch the broker's counters and write meter and summary."""
+    def close(self, status: Status) -> None:
+        """Fetch the broker's counters and write meter and summary.
+
+        Raises:
+            RunError: the broker has not answered; all the same everything is written, as of a run that failed.
+        """
         self._bus.publish(topics.recorder(self._run), b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
-        self._ask_broker()
-        own = self._bus.meter.rows()
-        clients = [row for client in self._clients for row in self._reports.get(client) or self._counted_by(client)]
-        meter = [*self._broker_rows, *clients, *own]
+        settings, silent = self._scenario, None
+        patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
+        try:
+            rows, source = self._broker.end(patience_s, is_late=self._is_late)
+        except RunError as error:
+            rows, source = [], CLIENTS.format(why=error)
+            status, silent = "failed" if status == "complete" else status, error
+        meter, work = [*rows, *self._clients_rows()], self._work_done()
         self._directory.meter(meter)
-        self._directory.summary(summarise(self._scenario, self._directory.rows, meter, status=status))
+        self._directory.work(work)
+        self._directory.summary(
+            summarise(settings, self._directory.rows, meter, work_rows=work, status=status, source=source)
+        )
         self._bus.close()
+        if silent is not None:
+            raise silent
 
-    def _ask_broker(self) -> None:
-        asked = secrets.token_hex(8)
-        self._asked = topics.broker_answer(asked)
-        self._bus.subscribe(self._asked)
-        self._bus.publish(topics.BROKER_METER_ASK, encode_json(CountersRequest(asked=asked, run=self._run)))
-        until = time.monotonic() + _SNAPSHOT_WAIT_S
-        while not self._answered and time.monotonic() < until:
-            self.pump(0.05)
-        self._bus.unsubscribe(self._asked)
+    def _clients_rows(self) -> list[MeterRow]:
+        """What all processes have counted themselves, the recorder too."""
+        whole = self._reports.whole
+        of_clients = (whole[each].rows if each in whole else self._counted_by(each) for each in self._clients)
+        return [*chain.from_iterable(of_clients), *self._bus.meter.rows()]
+
+    def _work_done(self) -> list[WorkRow]:
+        """What all processes have computed and moved."""
+        whole, state = self._reports.whole, self._state
+        kept = {each: read_work(each, state / each) for each in self._clients if state and each not in whole}
+        return [row for each in self._clients for row in (whole[each].work if each in whole else kept.get(each, []))]
+
+    def _hear(self, message: Message) -> None:
+        try:
+            self._take(message)
+        except PayloadError as error:
+            self.refused += 1
+            log.warning("refused a message on %s: %s", message.topic, error)
 
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
-        if topic == self._asked:
-            piece = decode_json(message.payload, CountersPiece, PIECE_BYTES)
-            self._answered = piece.piece == piece.pieces
-            self._broker_rows += piece.rows
-        elif kind == "round":
+        if kind == "round":
             self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
         elif kind == "learned":
             task = topic.split("/")[4]
@@ -167,15 +184,16 @@ class Recorder:
             self._take_presence(message)
         else:
             report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
-            check_report(report, kind, self._clients)
+            check_report(report, kind, self._clients, self._scenario)
             self._directory.complete(report.rounds)
-            self._reports[report.client] = report.rows
+            self._reports.take(report)
             self._gone.pop(report.client, None)
-            self._acknowledge(topic, report.client)
+            self._acknowledge(topic, report.client, report.part)
 
-    def _acknowledge(self, topic: str, client: str) -> None:
+    def _acknowledge(self, topic: str, client: str, part: str = "") -> None:
         """Tell a client that what it published on `topic` is written down."""
-        self._bus.publish(topics.acknowledgement(self._run, client), encode_json(Acknowledgement(topic=topic)))
+        told = Acknowledgement(topic=topic, part=part)
+        self._bus.publish(topics.acknowledgement(self._run, client), encode_json(told))
 
     def _take_snapshot(self, message: Message, round_: str) -> None:
         name = snapshot_name(topics.arm_of(message.topic), round_, self._scenario)
@@ -189,14 +207,16 @@ class Recorder:
         presence = decode_json(message.payload, Presence)
         check_presence(presence, message.topic, self._scenario, self._run)
         client = client_of(presence.agent)
+        # Who was there before; on another connection the broker tells again of everybody.
+        self._is_late = self._is_late or (message.retained and presence.state == "here" and self._bus.connections == 1)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
         else:
             self._gone.pop(client, None)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
-        check_row(telemetry, client, self._scenario)
         row = telemetry.row
+        check_row(row, client, self._scenario)
         self._directory.round(row)
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received

@@ -19,11 +19,12 @@ from fleet.prices import Prices, reprice
 from fleet.report_data import Run, load_run
 from fleet.report_format import TextTable
 from fleet.report_html import write_html
-from fleet.report_notes import headline, notes, verdicts
+from fleet.report_notes import headline, notes, verdicts, warnings
 from fleet.report_text import (
     bytes_table,
     causes_table,
     energy_table,
+    lost_table,
     rewards_table,
     rounds_table,
     sites_table,
@@ -51,7 +52,7 @@ def report(
 
     Raises:
         ConfigurationError: no such directory, or a price that is no price.
-        RunError: the directory is not a run's, or damaged.
+        RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
     """
     run = load_run(run_dir)
     energy, suffix = reprice(run.scenario.energy, prices or Prices())
@@ -60,6 +61,8 @@ def report(
         written = write_figures(run, energy, suffix) if figures else []
         if html:
             written.append(write_html(run, energy, suffix))
+    if run.misfits:
+        raise RunError(f"{run.path}: {warnings(run)[0]}")
     return written
 
 
@@ -67,13 +70,21 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
     """Print a run's tables; `energy` in place of the scenario's own constants prices it again."""
     energy = energy or run.scenario.energy
     console = console or Console()
+    for line in warnings(run):
+        console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in (rounds_table(run), rewards_table(run), totals_table(run, energy)):
         console.print(_table(table))
     detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
     for arm in detailed:
         console.print(_table(energy_table(run, arm, energy)))
-    for table in (causes_table(run, energy), sites_table(run, energy), bytes_table(run, energy)):
+    lost = lost_table(run, energy)
+    for table in (
+        causes_table(run, energy),
+        sites_table(run, energy),
+        *([lost] if lost else ()),
+        bytes_table(run, energy),
+    ):
         console.print(_table(table))
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)

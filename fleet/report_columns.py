@@ -11,12 +11,15 @@ from common.settings import Energy
 from common.topics import Link
 from fleet.beta import with_beta
 from fleet.expected import expected_counts, scenario_sizes
-from fleet.paper import printed_total, published_of
+from fleet.paper import is_papers_scenario, printed_total, published_here
 from fleet.pricing import arm_counts
 from fleet.report_data import Run
 from fleet.traffic import DATA_CENTER, RECORDER, Measure, deliveries
 
 PARTS = ("ml_learning", "ml_communication", "ml", "fl_learning", "fl_communication", "fl", "total")
+
+NOT_DEFINED = "not defined here"
+"""`about` of a column whose price list implies nothing for this arm."""
 
 Parts = dict[str, float | None]  # joules by PARTS; None = not defined or not known
 
@@ -32,12 +35,13 @@ class Column(NamedTuple):
 def columns(run: Run, arm: str, energy: Energy) -> list[Column]:
     """The energy columns of one arm, from what is printed to whole packets."""
     method, t0 = method_of(arm), run.t0[arm]
-    printed = printed_total(method, t0, energy.ul_bit_per_j, energy.sl_bit_per_j)
+    is_papers = is_papers_scenario(run.scenario, energy)
+    printed = printed_total(method, t0, energy.ul_bit_per_j, energy.sl_bit_per_j) if is_papers else None
     about = f"t0 = {printed.t0}" if printed and printed.t0 else ""
-    implied = published_of(method, t0, sum(run.rounds(arm).values()), energy)
+    implied = published_here(method, t0, sum(run.rounds(arm).values()), run.scenario, energy)
     return [
         Column("paper", _stages(printed and printed.ml_j, None, printed and printed.total_j), about),
-        Column("published prices", _of_published(implied)),
+        Column("published prices", _of_published(implied), "" if implied else NOT_DEFINED),
         Column("Table I sizes", _of_bill(closed_bill(run, arm, energy, TABLE_I))),
         Column("scenario sizes", _of_bill(closed_bill(run, arm, energy))),
         Column("measured payload", measured_parts(run, arm, energy, "payload")),
@@ -55,7 +59,8 @@ def closed_bill(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = N
 
 def measured_bill(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Bill:
     """An arm's bill from the gradients it computed and the bytes that were metered, if any were."""
-    return bill(arm_counts(run.rows, run.meter_rows, arm, measure=measure), with_beta(energy, run.rows, arm))
+    counts = arm_counts(run.rows, run.meter_rows, arm, measure=measure, lost=run.lost)
+    return bill(counts, with_beta(energy, run.rows, arm))
 
 
 def measured_parts(run: Run, arm: str, energy: Energy, measure: Measure = "payload") -> Parts:

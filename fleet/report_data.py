@@ -13,10 +13,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from common import topics
 from common.documents import parse_json
 from common.errors import ConfigurationError, RunError
-from common.meter import MeterRow, read_rows
-from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, RoundRow
+from common.meter import MeterRow, read_rows, read_work
+from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK, RoundRow
 from common.scenario import Scenario, scenario_from
 from common.topics import Link
+from common.work import WorkRow
+from fleet.conservation import Balance, conservation
+from fleet.lost_work import lost_work
 from fleet.pricing import TaskResult, meta_rounds, task_results
 from fleet.summary import SCHEMA
 
@@ -43,6 +46,7 @@ class Run:
     scenario: Scenario
     rows: list[RoundRow]
     meter_rows: list[MeterRow]
+    work_rows: list[WorkRow]
     progress: list[Progress]
     summary: dict[str, Any] | None
     cut: list[str]
@@ -66,6 +70,18 @@ class Run:
     def t0(self) -> dict[str, int]:
         """Rounds of meta-learning done behind each arm's model; 0 without."""
         return {arm: meta_rounds(self.rows, arm) for arm in self.scenario.arm_names}
+
+    @cached_property
+    def lost(self) -> list[WorkRow]:
+        """What was done and is in no row; see `fleet.lost_work`."""
+        return lost_work(self.scenario, self.rows, self.work_rows)
+
+    @cached_property
+    def misfits(self) -> tuple[Balance, ...]:
+        """Where the final counters of broker and clients contradict each other; those of a run cut short are not
+        final."""
+        found = conservation(self.meter_rows) if self.status == "complete" else None
+        return found.broken if found is not None else ()
 
     def rounds(self, arm: str) -> dict[int, float]:
         """t_i by task."""
@@ -108,6 +124,7 @@ def _load(path: Path, manifest: dict[str, Any]) -> Run:
         scenario=_scenario(manifest, path / MANIFEST),
         rows=_lines(path / ROUNDS, RoundRow, needed=done, cut=cut),
         meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
+        work_rows=_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
         progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
         summary=summary,
         cut=cut,
@@ -122,6 +139,11 @@ def _kept_rows(path: Path, run: str) -> list[MeterRow]:
         if folder.name != "broker":
             rows += read_rows("client", folder)
     return [row for row in rows if row.topic.startswith(prefix)]
+
+
+def _kept_work(path: Path) -> list[WorkRow]:
+    """What the processes of a run that was killed had done by then."""
+    return [row for folder in sorted((path / STATE).glob("*")) for row in read_work(folder.name, folder)]
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

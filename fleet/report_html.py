@@ -11,11 +11,12 @@ from common.settings import Energy
 from fleet.figures import CAPTIONS, inline_svgs
 from fleet.report_data import Run
 from fleet.report_format import TextTable
-from fleet.report_notes import headline, notes, verdicts
+from fleet.report_notes import headline, notes, verdicts, warnings
 from fleet.report_text import (
     bytes_table,
     causes_table,
     energy_table,
+    lost_table,
     rewards_table,
     rounds_table,
     sites_table,
@@ -59,12 +60,15 @@ def page(run: Run, energy: Energy) -> str:
         f"<figure>{svg}<figcaption>{html.escape(CAPTIONS[figure])}</figcaption></figure>"
         for figure, svg in inline_svgs(run, energy).items()
     )
+    lost = lost_table(run, energy)
     body = [
+        _paragraphs(warnings(run), "verdict"),
         f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
         _paragraphs(verdicts(run, energy), "verdict"),
         _table(totals_table(run, energy)),
         _table(causes_table(run, energy)),
         _table(sites_table(run, energy)),
+        _table(lost) if lost else "",
         _table(rounds_table(run)),
         _table(rewards_table(run)),
         _table(bytes_table(run, energy)),

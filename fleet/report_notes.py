@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from common.carbon import has_carbon
-from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downlink_bit_per_j
+from common.energy import downlink_bit_per_j
 from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from common.scenario import Scenario
 from common.settings import Energy
 from fleet.arms import METHOD_LABELS, label, labels
 from fleet.conservation import conservation
-from fleet.paper import PAPER_METHODS
+from fleet.paper import CLUSTER_ROBOTS, PAPER_METHODS, TRAINING_ROBOTS, published_here
 from fleet.report_columns import columns
 from fleet.report_data import Run
 from fleet.traffic import metered_by
@@ -31,11 +32,29 @@ def headline(run: Run, energy: Energy) -> str:
     return f"{line}; gCO2e/kWh: {', '.join(told)}"
 
 
-def verdicts(run: Run, energy: Energy) -> list[str]:
-    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl."""
-    if BASELINE not in run.scenario.arm_names:
+def warnings(run: Run) -> list[str]:
+    """What stands before everything else: that a bill is not to be trusted."""
+    if not run.misfits:
         return []
-    return [line for arm in run.scenario.arms if arm.method in META_METHODS and (line := _verdict(run, arm, energy))]
+    worst, told = run.misfits[0], (run.summary or {}).get("counters") or "the broker's counters"
+    return [
+        f"The counters of broker and clients do not fit for {len(run.misfits)} client and topic pairs, first "
+        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+        f"{worst.delivered} (messages, bytes). This bill is fed by {told}, and is not to be trusted: "
+        "run it again, on a broker that keeps its counters for the whole run."
+    ]
+
+
+def verdicts(run: Run, energy: Energy) -> list[str]:
+    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl.
+
+    Only of a complete run that can be trusted, and of arms whose tasks were all learned.
+    """
+    held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
+    if run.status != "complete" or run.misfits or not held.get(BASELINE):
+        return []
+    learned = [arm for arm in run.scenario.arms if arm.method in META_METHODS and held[arm.name]]
+    return [line for arm in learned if (line := _verdict(run, arm, energy))]
 
 
 def notes(run: Run, energy: Energy) -> list[str]:
@@ -48,7 +67,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
         "MQTT's own bytes.",
     ]
     if any(arm.method in PAPER_METHODS for arm in run.scenario.arms):
-        lines.append(_note_of_the_published_prices(energy))
+        lines.append(_note_of_the_published_prices(run.scenario, energy))
     if energy.dl_bit_per_j is None:
         lines.append("E_DL is not given by the paper and taken as E_UL.")
     lines.append(
@@ -72,14 +91,16 @@ def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
     return f"{label(arm)} against {METHOD_LABELS[BASELINE]}: {'; '.join(told)}" if told else ""
 
 
-def _note_of_the_published_prices(energy: Energy) -> str:
-    here = (energy.ul_bit_per_j, energy.sl_bit_per_j, energy.sidelink)
-    if here == (PUBLISHED_UL_BIT_PER_J, PUBLISHED_SL_BIT_PER_J, "direct"):
+def _note_of_the_published_prices(scenario: Scenario, energy: Energy) -> str:
+    if published_here(BASELINE, 0, 0, scenario, energy) is not None:
         return (
             "Published prices: 352.4 J a MAML round and 246.3 J an FL round of the paper's deployment, whatever PUE, "
             "beta and sizes are; the paper does not tell learning from communication."
         )
-    return "Published prices are defined for direct sidelinks at (E_UL, E_SL) = (200, 500) kb/J only."
+    return (
+        f"Published prices are not defined here: they are the paper's deployment's, {TRAINING_ROBOTS} training robots "
+        f"and clusters of {CLUSTER_ROBOTS}, over direct sidelinks at (E_UL, E_SL) = (200, 500) kb/J only."
+    )
 
 
 def _notes_of_the_arms(run: Run) -> list[str]:
@@ -106,15 +127,18 @@ def _notes_of_the_run(run: Run) -> list[str]:
         lines.append(f"The last line of {' and '.join(run.cut)} is torn and left out.")
     if source is None:
         lines.append("No byte counters were written: measured communication is not known, columns of it are empty.")
+    elif told := (run.summary or {}).get("counters"):
+        lines.append(f"Metered by {told}.")
     elif source == "client":
-        lines.append("Metered by the clients themselves: an external broker counts no bytes for us.")
+        lines.append("Metered by the clients themselves.")
     unlearned = []
     for arm, name in labels(run.scenario).items():
         tasks = [str(found.task) for found in run.results[arm] if not found.learned]
         if tasks:
             unlearned.append(f"task{'s' if len(tasks) > 1 else ''} {', '.join(tasks)} by {name}")
     if unlearned:
-        lines.append(f"Not learned: {'; '.join(unlearned)}. Energies are not at equal reward.")
+        not_equal = "Energies are not at equal reward, and there is no verdict on these arms."
+        lines.append(f"Not learned: {'; '.join(unlearned)}. {not_equal}")
     return lines
 
 
@@ -136,7 +160,7 @@ def _notes_of_faults(run: Run) -> list[str]:
             f"Lost: {found.lost[0]} messages, {found.lost[1] / 1e6:.3g} MB of payload, were written to connections "
             "that broke before they were received. They are in the bytes and in the bill too."
         )
-    if found.broken:
+    if found.broken and not run.misfits:  # of a run cut short: the two sides stopped counting at other moments
         worst = found.broken[0]
         lines.append(
             f"The counters of broker and clients do not fit for {len(found.broken)} client and topic pairs, first "

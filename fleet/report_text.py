@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from common.carbon import carbon, has_carbon
+from common.energy import bill
 from common.settings import Energy
 from common.topics import Link
 from fleet.arms import labels
-from fleet.report_columns import PARTS, Column, columns, control_j, measured_bill
+from fleet.beta import with_beta
+from fleet.lost_work import lost_motions
+from fleet.pricing import arm_counts
+from fleet.report_columns import NOT_DEFINED, PARTS, Column, columns, control_j, measured_bill
 from fleet.report_data import Run
 from fleet.report_format import TextTable, bytes_text, grams_text, joules_text, number_text
-from fleet.summary import cause_parts, site_parts
+from fleet.summary import cause_parts, lost_parts, site_parts
 from fleet.traffic import traffic
 
 PART_NAMES = {
@@ -116,6 +120,31 @@ def bytes_table(run: Run, energy: Energy) -> TextTable:
     return TextTable("Bytes delivered by link class", headings, rows)
 
 
+def lost_table(run: Run, energy: Energy) -> TextTable | None:
+    """What faults have cost each arm in computing; None where nothing was done in vain."""
+    rows, metered = [], bool(run.meter_rows)
+    for arm, name in labels(run.scenario).items():
+        priced = with_beta(energy, run.rows, arm)
+        counts, kept = (arm_counts(run.rows, run.meter_rows, arm, lost=each) for each in (run.lost, ()))
+        lost = lost_parts(counts, kept, lost_motions(run.lost, arm), priced, metered)
+        center = lost["gradients_support"] + lost["gradients_query"]
+        done = [f"{number:g}" for number in (lost["gradients_robots"], center, lost["motions"])]
+        joules = (
+            lost["computing_robots_j"],
+            lost["computing_datacenter_j"],
+            bill(counts, priced).total_j if metered else None,
+            lost["literal_without_j"]["total"],
+        )
+        rows.append([name, *done, *(joules_text(each) for each in joules)])
+    if not run.lost:
+        return None
+    headings = ["arm", "gradients, robots", "gradients, data center", "motions", "J, robots", "J, data center"]
+    title = "Done and not kept, because something had failed"
+    return TextTable(title, [*headings, "E with it (measured payload)", "E without"], rows)
+
+
 def _total_text(column: Column) -> str:
     text = joules_text(column.joules["total"])
+    if column.about == NOT_DEFINED:
+        return NOT_DEFINED
     return f"{text} ({column.about.removeprefix('t0 = ')})" if column.about else text

@@ -79,12 +79,13 @@ def datacenter_rights() -> list[Right]:
 
 
 def recorder_rights() -> list[Right]:
-    """The recorder reads what is reported, and asks the broker for its counters."""
+    """The recorder reads what is reported, and asks the broker for its counters and for what it says to itself."""
     return [
         ("write", topics.recorder(_RUN)),
         ("write", topics.acknowledgement(_RUN, _ANY)),
         ("write", topics.probe(_RUN)),
         ("read", topics.probe(_RUN)),
+        ("read", topics.acknowledgement(_RUN, RECORDER)),
         ("read", topics.telemetry(_RUN, _ARM, _ANY)),
         ("read", topics.learned(_RUN, _ARM, _ANY)),
         ("read", topics.snapshot(_RUN, _ARM, _ANY)),

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from common import topics
-from common.bill import Bill, Cost, PublishedBill
+from common.bill import Bill, Cost, PublishedBill, StageCounts
 from common.carbon import carbon, has_carbon
 from common.energy import bill
 from common.meter import MeterRow
@@ -16,8 +16,11 @@ from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.settings import Energy
 from common.topics import Link
+from common.work import WorkRow
 from fleet.beta import with_beta
-from fleet.paper import published_of
+from fleet.conservation import conservation
+from fleet.lost_work import lost_motions, lost_work
+from fleet.paper import published_here
 from fleet.pricing import arm_counts, meta_rounds, task_results
 from fleet.traffic import metered_by, traffic
 
@@ -33,19 +36,24 @@ def summarise(
     meter_rows: Sequence[MeterRow],
     tasks: Iterable[int] | None = None,
     *,
+    work_rows: Iterable[WorkRow] = (),
     status: Literal["complete", "interrupted", "failed"] = "complete",
+    source: str = "",
 ) -> dict[str, Any]:
-    """`summary.json` of a run, as plain data.
+    """`summary.json` of a run, as plain data; `source`: whose counters feed the bill, in words.
 
     Joules follow the scenario's own constants. Without any meter row the joules that need bytes are null.
     """
     wanted = list(scenario.clusters if tasks is None else tasks)
+    lost, balance = lost_work(scenario, rows, work_rows), conservation(meter_rows)
     return {
         "seed": scenario.seed,
         "t0": max((meta_rounds(rows, arm) for arm in scenario.arm_names), default=0),
         "status": status,
         "metered_by": metered_by(meter_rows),
-        "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, arm, wanted) for arm in scenario.arms},
+        "counters": source,
+        "counters_fit": None if balance is None else not balance.broken,
+        "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted) for arm in scenario.arms},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
     }
 
@@ -105,14 +113,36 @@ def carbon_parts(cost: Cost, energy: Energy, metered: bool) -> dict[str, Known] 
     return {"datacenter": grams.datacenter_g, "robots": grams.robots_g, "total": grams.total_g}
 
 
+def lost_parts(counts: StageCounts, kept: StageCounts, motions: int, energy: Energy, metered: bool) -> dict[str, Any]:
+    """What was computed and is in no row, what it cost, and the literal bill without it."""
+    with_it, without = bill(counts, energy), bill(kept, energy)
+    done, told, costs, were = counts.ml + counts.fl, kept.ml + kept.fl, with_it.both, without.both
+    names = ("gradients_support", "gradients_query", "gradients_robots")
+    return {
+        **{name: getattr(done, name) - getattr(told, name) for name in names},
+        "motions": motions,
+        "computing_datacenter_j": costs.center_computing_j - were.center_computing_j,
+        "computing_robots_j": costs.robot_computing_j - were.robot_computing_j,
+        "literal_without_j": literal_parts(without, metered),
+    }
+
+
 def _arm_summary(
-    scenario: Scenario, rows: Sequence[RoundRow], meter_rows: Sequence[MeterRow], arm: Arm, tasks: list[int]
+    scenario: Scenario,
+    rows: Sequence[RoundRow],
+    meter_rows: Sequence[MeterRow],
+    lost: Sequence[WorkRow],
+    arm: Arm,
+    tasks: list[int],
 ) -> dict[str, Any]:
     results = task_results(scenario, rows, arm.name, tasks)
     t0 = meta_rounds(rows, arm.name)
-    counts = arm_counts(rows, meter_rows, arm.name)
-    literal, metered = bill(counts, with_beta(scenario.energy, rows, arm.name)), bool(meter_rows)
-    published = published_of(arm.method, t0, sum(result.rounds for result in results), scenario.energy)
+    counts, kept = (arm_counts(rows, meter_rows, arm.name, lost=each) for each in (lost, ()))
+    energy, metered = with_beta(scenario.energy, rows, arm.name), bool(meter_rows)
+    literal = bill(counts, energy)
+    rounds = sum(result.rounds for result in results)
+    published = published_here(arm.method, t0, rounds, scenario, scenario.energy)
+    motions = lost_motions(lost, arm.name)
     return {
         "method": arm.method,
         "t0": t0,
@@ -125,5 +155,6 @@ def _arm_summary(
             "by_site": site_parts(literal.both, metered),
         },
         "carbon_g": carbon_parts(literal.both, scenario.energy, metered),
+        **({"lost_work": lost_parts(counts, kept, motions, energy, metered)} if counts != kept or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
     }

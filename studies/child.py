@@ -28,7 +28,7 @@ def lead(folder: Path, name: str) -> None:
     """Run the deployment and write its facts.
 
     Raises:
-        StudyError: the run is not complete.
+        StudyError: the run is not complete, or its counters contradict each other.
         JouleSwarmError: the deployment failed.
     """
     file = folder / "scenario.toml"
@@ -39,6 +39,8 @@ def lead(folder: Path, name: str) -> None:
     run = load_run(path)
     if run.status != "complete":
         raise StudyError(f"the run is {run.status}, expected complete; see {path}")
+    if run.misfits:
+        raise StudyError(f"the counters of broker and clients do not fit, expected that they do; see {path}")
     write_facts(folder / FACTS, facts_of(run))
 
 

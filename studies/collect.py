@@ -56,7 +56,7 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
         learned=True,
         reward=None,
         rmse_m=None,
-        **asdict(meta_counts(run.rows, run.meter_rows, arm.name)),
+        **asdict(meta_counts(run.rows, run.meter_rows, arm.name, lost=run.lost)),
         seconds=round(sum(row.seconds for row in stage if row.round <= arm.t0), 3),
     )
 
@@ -80,7 +80,7 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
         learned=result.learned,
         reward=result.reward,
         rmse_m=result.rmse_m,
-        **asdict(task_counts(run.rows, run.meter_rows, arm.name, task=result.task)),
+        **asdict(task_counts(run.rows, run.meter_rows, arm.name, task=result.task, lost=run.lost)),
         seconds=_slowest_s(rows),
     )
 

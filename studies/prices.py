@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from common.bill import Cost
 from common.energy import Counts, price
 from common.settings import Energy
-from fleet.paper import published_of
+from fleet.paper import CLUSTER_ROBOTS, published_of
 from studies.facts import META_STAGE, Fact
 
 PriceList = Literal["literal", "published"]
@@ -136,5 +136,7 @@ def _stage(fact: Fact, energy: Energy, prices: PriceList) -> StageJoules | None:
         cost = price(fact.counts, energy)
         return StageJoules(cost.learning_j, cost.communication_j, cost.total_j)
     meta = fact.task == META_STAGE
+    if not meta and fact.robots != CLUSTER_ROBOTS:
+        return None
     published = published_of(fact.method, fact.t0 if meta else 0, 0 if meta else fact.rounds, energy)
     return None if published is None else StageJoules(None, None, published.total_j)

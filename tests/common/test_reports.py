@@ -11,7 +11,7 @@ from common import topics
 from common.bus import MemoryBus, MemoryHub
 from common.listener import Listener
 from common.payloads import Acknowledgement, Presence, decode_json, encode_json
-from common.reports import MeterReport, Reporter, Telemetry
+from common.reports import MAX_REPORT_BYTES, PIECE_BYTES, MeterReport, Reporter, Telemetry
 from common.runlog import RoundRow
 
 DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
@@ -90,7 +90,7 @@ def test_the_report_holds_all_rows_each_once_as_it_was_told_last(table: Table) -
     again = row(1).model_copy(update={"reward": 7.0})
     for each in (row(1), row(2), again):
         table.reporter.row(each)
-    assert table.report().rounds == [again, row(2)]
+    assert table.report().rounds == [row(2), again]
 
 
 def test_rows_of_a_robot_that_was_killed_are_in_the_report_of_its_next_life(tmp_path: Path) -> None:
@@ -104,6 +104,60 @@ def test_rows_of_a_robot_that_was_killed_are_in_the_report_of_its_next_life(tmp_
     second.reporter.row(row(3))
     assert second.report().rounds == [row(1), row(2), row(3)]
     assert Table(rows=file).report().rounds == [row(1), row(2), row(3)]
+
+
+def many_rows(file: Path, rounds: int) -> None:
+    """A robot's rows, as long as they get, without a round played."""
+    line = row(1).model_copy(update={"reward": -28.685377497358648, "rmse_m": 1.4142135623730951}).model_dump_json()
+    text = line.replace('"round":1,', '"round":%d,')
+    with file.open("w", encoding="utf-8") as rows:
+        rows.writelines(text % round_ + "\n" for round_ in range(1, rounds + 1))
+
+
+def test_a_report_of_any_length_goes_in_pieces_of_bounded_size(tmp_path: Path) -> None:
+    rounds = 60_001  # some 54,650 were too many for one message of 16 MiB
+    many_rows(tmp_path / "rounds.jsonl", rounds)
+    table = Table(rows=tmp_path / "rounds.jsonl")
+    table.robot.meter.tally("fl", "maml", 1).gradients(20)
+    table.recorder.subscribe(topics.meter_report("r", "+"))
+    table.reporter.leave([WEIGHTS], HERE)
+    told: list[MeterReport] = []
+    while not told or not told[-1].last:
+        payload = heard(table.recorder)
+        assert len(payload) <= PIECE_BYTES + 1000  # of the piece's own fields
+        told.append(decode_json(payload, MeterReport, MAX_REPORT_BYTES))
+    assert [piece.piece for piece in told] == list(range(1, len(told) + 1))
+    assert len({piece.token for piece in told}) == 1
+    assert [each.round for piece in told for each in piece.rounds] == list(range(1, rounds + 1))
+    assert [each.gradients for piece in told for each in piece.work] == [20]
+
+
+def test_a_piece_is_sent_until_that_very_piece_is_acknowledged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("common.reports.PIECE_BYTES", 100)  # a row each
+    many_rows(tmp_path / "rounds.jsonl", 2)
+    table = Table(IMPATIENT_S, tmp_path / "rounds.jsonl")
+    table.record()
+    topic = topics.meter_report("r", "agent-3")
+    table.recorder.subscribe(topic)
+    leaving = threading.Thread(target=table.reporter.leave, args=([WEIGHTS], HERE), daemon=True)
+    leaving.start()
+    first = decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES)
+    table.others.publish(
+        topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic, part="another/1"))
+    )
+    assert decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES) == first
+    rounds, pieces = set(), set()
+    while leaving.is_alive() and (message := table.recorder.receive(DEADLINE_S)):
+        piece = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
+        rounds |= {each.round for each in piece.rounds}
+        pieces.add(piece.piece)
+        told = Acknowledgement(topic=topic, part=piece.part)
+        table.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(told))
+        if piece.last:
+            leaving.join(DEADLINE_S)
+    assert not leaving.is_alive()
+    assert rounds == {1, 2}
+    assert pieces == set(range(1, max(pieces) + 1))
 
 
 def test_without_a_recorder_nobody_waits_for_one(table: Table) -> None:

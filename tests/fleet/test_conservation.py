@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from common.meter import Meter, MeterRow
-from fleet.conservation import conservation
+from fleet.conservation import Balance, conservation
 
 WEIGHTS = "jouleswarm/r/fl/sl/1/2/weights"
 PRESENCE = "jouleswarm/r/all/ctl/1/1/presence"
@@ -64,3 +66,31 @@ def test_onlookers_and_clients_that_told_nothing_are_left_out() -> None:
 
 def test_with_one_side_only_there_is_no_balance() -> None:
     assert conservation([row for row in counted(received=1) if row.side == "client"]) is None
+
+
+@pytest.mark.parametrize(
+    ("delivered", "received", "acknowledged"),
+    [
+        ((6, 1000), (5, 5000), (5, 5000)),  # more bytes received than delivered, in fewer messages
+        ((5, 6000), (6, 5000), (5, 5000)),  # more messages received than delivered, in fewer bytes
+        ((6, 6000), (6, 1000), (5, 5000)),  # more bytes acknowledged than received, in fewer messages
+    ],
+)
+def test_neither_messages_nor_bytes_make_up_for_the_other(
+    delivered: tuple[int, int], received: tuple[int, int], acknowledged: tuple[int, int]
+) -> None:
+    assert not Balance("agent-1", WEIGHTS, delivered, acknowledged, received).holds
+
+
+COUNTS = st.tuples(st.integers(0, 9), st.integers(0, 9))
+
+
+@given(delivered=COUNTS, received=COUNTS, acknowledged=COUNTS)
+def test_the_balance_holds_in_messages_and_in_bytes_or_not_at_all(
+    delivered: tuple[int, int], received: tuple[int, int], acknowledged: tuple[int, int]
+) -> None:
+    in_messages, in_bytes = (acknowledged[i] <= received[i] <= delivered[i] for i in (0, 1))
+    balance = Balance("agent-1", WEIGHTS, delivered, acknowledged, received)
+    assert balance.holds == (in_messages and in_bytes)
+    if balance.holds:
+        assert min(balance.lost) >= 0

@@ -1,8 +1,7 @@
 """The recorder: from what is said on the bus to the run directory, over the in-memory bus."""
 
 import json
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +16,11 @@ from common.payloads import Acknowledgement, ModelHeader, Presence, decode_json,
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
-from common.snapshot import CountersPiece, CountersRequest
-from fleet import recorder as module
 from fleet.recorder import Recorder
 
 RUN = "r"
 DEADLINE_S = 20.0
 CLIENTS = ["agent-1", "agent-2", "datacenter"]
-
-
-@pytest.fixture(autouse=True)
-def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", 0.05)  # no broker answers unless a test plays one
 
 
 @pytest.fixture
@@ -63,9 +55,9 @@ class Table:
         telemetry = Telemetry(row=row, received=received)
         self.others.publish(topics.telemetry(RUN, "maml", client or f"agent-{agent}"), encode_json(telemetry))
 
-    def report(self, client: str, meter: Meter | None = None, rounds: Sequence[RoundRow] = ()) -> None:
-        rows = meter.rows() if meter else []
-        report = MeterReport(client=client, rows=rows, rounds=list(rounds))
+    def report(self, client: str, meter: Meter | None = None, rounds: Sequence[RoundRow] = (), **piece: Any) -> None:
+        rows, work = (meter.rows(), meter.work(client)) if meter else ([], [])
+        report = MeterReport(client=client, rows=rows, work=work, rounds=list(rounds), **piece)
         self.others.publish(topics.meter_report(RUN, client), encode_json(report))
 
     def acknowledged(self, client: str) -> list[str]:
@@ -145,6 +137,53 @@ def test_rows_that_never_came_are_in_the_final_report(table: Table) -> None:
     assert [row["round"] for row in table.lines("rounds.jsonl")] == [2, 1, 3]
     table.recorder.close("complete")
     assert [row["round"] for row in table.lines("rounds.jsonl")] == [1, 2, 3]
+
+
+def test_a_report_in_pieces_counts_once_all_have_come_each_once(table: Table) -> None:
+    first, second = client_counters("agent-1", WEIGHTS, "out", 1000), client_counters("agent-1", WEIGHTS, "in", 70)
+    table.report("agent-1", first, [made(1, 1)], token="killed", piece=1, last=False)
+    table.report("agent-1", first, [made(1, 1)], token="a", piece=1, last=False)
+    table.report("agent-1", first, [made(1, 1)], token="a", piece=1, last=False)  # its acknowledgement was lost
+    table.pump()
+    assert "agent-1" in table.recorder.waiting_for
+    table.report("agent-1", second, [made(1, 2)], token="a", piece=2)
+    table.pump()
+    assert "agent-1" not in table.recorder.waiting_for
+    table.recorder.close("interrupted")
+    rows = [row for row in table.lines("meter.jsonl") if row["client"] == "agent-1"]
+    assert [(row["direction"], row["messages"], row["payload_bytes"]) for row in rows] == [
+        ("out", 1, 1000),
+        ("in", 1, 70),
+    ]
+    assert [row["round"] for row in table.lines("rounds.jsonl")] == [1, 2]
+
+
+def test_each_piece_of_a_report_is_acknowledged_by_its_name(table: Table) -> None:
+    ears = table.hub.connect("ears")
+    ears.subscribe(topics.acknowledgement(RUN, "agent-1"))
+    table.report("agent-1", token="a", piece=1, last=False)
+    table.report("agent-1", token="a", piece=2)
+    table.pump()
+    told = [decode_json(message.payload, Acknowledgement).part for _ in range(2) if (message := ears.receive(0))]
+    assert told == ["a/1", "a/2"]
+
+
+def test_a_report_of_more_counters_than_a_process_can_have_ends_the_run(
+    table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fleet.handed_in.MAX_ROWS", 1)
+    table.report("agent-1", client_counters("agent-1", WEIGHTS, "out", 1000), last=False)
+    table.report("agent-1", client_counters("agent-1", WEIGHTS, "in", 1000), piece=2)
+    with pytest.raises(RunError, match="the report of agent-1 has over 1 counters"):
+        table.pump()
+
+
+def test_a_report_with_anothers_counters_or_rows_is_refused(table: Table) -> None:
+    table.report("agent-1", client_counters("agent-2", WEIGHTS, "out", 1000))
+    table.report("agent-1", rounds=[made(2, 1)])
+    table.pump_all(refused=2)
+    assert table.recorder.refused == 2
+    assert "agent-1" in table.recorder.waiting_for
 
 
 def test_what_must_not_be_missed_is_acknowledged_once_it_is_written_down(table: Table) -> None:
@@ -307,53 +346,6 @@ def test_without_an_embedded_broker_the_clients_counters_feed_the_bill(table: Ta
     summary = table.json("summary.json")
     assert (summary["status"], summary["metered_by"], summary["seed"]) == ("complete", "client", 4)
     assert summary["arms"]["maml"]["bytes"]["sidelink"] == {"messages": 1, "payload": 1000, "packet": 1040}
-
-
-@pytest.fixture
-def answering() -> Iterator[Any]:
-    """Plays the embedded broker: answers a request for a run's counters with these rows, a piece each."""
-    threads: list[threading.Thread] = []
-
-    def play(bus: MemoryBus, meter: Meter) -> None:
-        bus.subscribe(topics.BROKER_METER_ASK)
-
-        def answer() -> None:
-            message = bus.receive(DEADLINE_S)
-            assert message is not None
-            asked = CountersRequest.model_validate_json(bytes(message.payload))
-            rows = [row for row in meter.rows() if topics.run_of(row.topic) == asked.run]
-            for number, row in enumerate(rows, 1):
-                piece = CountersPiece(
-                    asked=asked.asked, run=asked.run, piece=number, pieces=len(rows), metering=True, rows=(row,)
-                )
-                bus.publish(topics.broker_answer(asked.asked), encode_json(piece))
-
-        threads.append(threading.Thread(target=answer, daemon=True))
-        threads[-1].start()
-
-    yield play
-    for thread in threads:
-        thread.join(DEADLINE_S)
-        assert not thread.is_alive()
-
-
-def test_the_embedded_brokers_counters_of_this_run_feed_the_bill(
-    table: Table, answering: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", DEADLINE_S)
-    meter = Meter("broker")
-    meter.count("agent-2", WEIGHTS, "in", 1000, 1040)
-    meter.count("agent-2", WEIGHTS, "out", 1000, 1040)
-    meter.count("agent-2", topics.weights("other-run", "maml", 1, 1), "out", 7, 47)
-    answering(table.hub.connect("broker"), meter)
-    table.report("agent-1", client_counters("agent-1", WEIGHTS, "out", 1000))
-    table.pump()
-    table.recorder.close("complete")
-    rows = table.lines("meter.jsonl")
-    assert [row["payload_bytes"] for row in rows if row["side"] == "broker"] == [1000, 1000]
-    summary = table.json("summary.json")
-    assert summary["metered_by"] == "broker"
-    assert summary["arms"]["maml"]["bytes"]["sidelink"]["messages"] == 1
 
 
 @pytest.mark.parametrize("status", ["interrupted", "failed"])
