@@ -146,6 +146,8 @@ def test_what_is_no_run_is_not_gone_on_with(there: bool, tmp_path: Path) -> None
 
 def test_a_figure_that_json_cannot_say_is_an_error_and_no_summary(tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path / "r")
-    with pytest.raises(RunError, match=r"summary\.json: a figure is not finite .*expected finite ones; rows and counters"):
+    with pytest.raises(
+        RunError, match=r"summary\.json: a figure is not finite .*expected finite ones; rows and counters"
+    ):
         directory.summary({"arms": {"fl": {"energy_j": math.inf}}})
     assert not (tmp_path / "r" / "summary.json").exists()
