@@ -29,7 +29,7 @@ Share = Annotated[float, Field(ge=1e-9, le=1)]
 Metres = Annotated[float, Field(ge=1e-3, le=1e4)]
 Seconds = Annotated[float, Field(ge=1e-3, le=1e6)]
 RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6)]  # see common.payloads.MAX_REWARD
-LearningRate = Annotated[float, Field(ge=1e-12, le=1e3)]
+LearningRate = Annotated[float, Field(ge=1e-37, le=1e3)]  # float32 holds it
 Watts = Annotated[float, Field(ge=1e-6, le=1e9)]
 BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
 Efficiency = Annotated[float, Field(ge=1e-6, le=1e15)]  # bit/J
@@ -112,7 +112,7 @@ class Learning(Section):
     double: bool = Field(True, description="double learning: argmax by the online network")
     optimizer: Literal["adam", "sgd"] = "adam"
     lr: LearningRate = 1e-3
-    adam_eps: float = Field(1e-4, ge=1e-16, le=1e3, description="Adam's epsilon: damps steps where gradients are small")
+    adam_eps: float = Field(1e-4, ge=1e-37, le=1e3, description="Adam's epsilon: damps steps where gradients are small")
     grad_clip: float = Field(1.0, ge=1e-6, le=1e9)
     batch_size: BatchSize = 32
     batches_per_round: Batches = Field(20, description="B_i")

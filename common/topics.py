@@ -149,6 +149,11 @@ def acknowledgement(run: str, client: str) -> str:
     return f"{ROOT}/{run}/meter/{client}/ack"
 
 
+def scenario(run: str, whose: str) -> str:
+    """Retained: the run's scenario, of the recorder, or of whoever came first (`SHARED`). Never metered."""
+    return f"{ROOT}/{run}/meter/{whose}/scenario"
+
+
 def claim(run: str, task: int, agent: int) -> str:
     """A process claims to be robot `agent` (0: the data center); one that is answers on the same topic."""
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/claim"

@@ -20,6 +20,8 @@ def run_module(module: str, arguments: list[str], log: Path) -> None:
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     os.close(descriptor)
+    for name in ("JOULESWARM_SET", "JOULESWARM_TASK"):  # the scenario has been resolved, and is the same for all
+        os.environ.pop(name, None)
     sys.argv = [f"python -m {module}", *arguments]
     importlib.import_module(f"{module}.__main__").app()
 

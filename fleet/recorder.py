@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from common import topics
+from common.agreement import proclamation
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows
@@ -55,6 +56,7 @@ class Recorder:
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
         bus.subscribe(*self._filters)
+        bus.publish(topics.scenario(run, CLIENT), proclamation(scenario), retain=True)
         bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
 
     @property
@@ -126,7 +128,8 @@ class Recorder:
 
     def close(self, status: Literal["complete", "interrupted", "failed"]) -> None:
         """Fetch the broker's counters and write meter and summary."""
-        self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        for topic in (topics.recorder(self._run), *(topics.scenario(self._run, of) for of in (CLIENT, topics.SHARED))):
+            self._bus.publish(topic, b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters[:-1])
         self._ask_broker()
