@@ -32,13 +32,14 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
     """Live the whole life of robot `agent` on a connected bus; with a folder to `keep` go on from where one was killed.
 
     Raises:
-        ConfigurationError: another process is this robot.
+        ConfigurationError: another process is this robot, or the run has another scenario.
         RunError: the folder holds another robot's or scenario's state.
         TrainingError: a loss is not finite.
     """
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
+    exchange.agree(scenario)
     robot.meta.listen(scenario.arms)
     exchange.join(scenario.arms)
     for index, arm in enumerate(scenario.arms):

@@ -15,6 +15,7 @@ import numpy as np
 from agents.absence import Absence
 from agents.neighbourhood import Neighbourhood
 from common import topics
+from common.agreement import Agreement
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError
@@ -23,6 +24,7 @@ from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, read_model
 from common.reports import Reporter
+from common.scenario import Scenario
 from common.settings import Bus as BusSettings
 from common.settings import Federation
 from common.state import State
@@ -92,6 +94,16 @@ class Exchange:
         """
         self._identity.claim()
         self._subscriptions += self._identity.filters
+
+    def agree(self, scenario: Scenario) -> None:
+        """Have one scenario with all others of the run.
+
+        Raises:
+            ConfigurationError: the run has another.
+        """
+        self._agreement = Agreement(self._listener, scenario, self.run)
+        self._agreement.settle()
+        self._subscriptions += self._agreement.filters
 
     def join(self, arms: Sequence[Arm]) -> None:
         """Listen to where the neighbours are, then say hello."""
@@ -206,6 +218,7 @@ class Exchange:
 
     def leave(self) -> None:
         """Hand in rows and byte counters and disconnect."""
+        self._agreement.leave()
         presence = topics.presence(self.run, self.here.task, self.here.agent)
         self._reporter.leave(self._subscriptions, presence)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from common.errors import RunError
+from common.errors import RunError, TrainingError
 from common.state import State
 
 _KEPT = ("actions", "rewards", "terminated", "complete")
@@ -78,11 +78,20 @@ class Replay:
         self._written = state.values["written"]
 
     def sample(self, batch_size: int, rng: np.random.Generator, newest: int | None = None) -> Batch:
-        """`batch_size` transitions drawn with replacement, of the `newest` frames only if given."""
+        """`batch_size` transitions drawn with replacement, of the `newest` frames only if given.
+
+        Raises:
+            TrainingError: there is none.
+        """
         slots = np.flatnonzero(self._complete)
         if newest is not None and newest < self._written:
             ages = (self._written - 1 - slots) % len(self._frames)
             slots = slots[ages < newest]
+        if not len(slots):
+            raise TrainingError(
+                f"no motion with the one after it among the newest {newest or len(self._frames)} of {self._written}; "
+                "expected one to learn from: collect more (learning.motions_per_round) or keep more (replay_size)"
+            )
         chosen = slots[rng.integers(len(slots), size=batch_size)]
         return Batch(
             self._frames[chosen],

@@ -19,7 +19,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from common.bus import Payload
-from common.errors import ConfigurationError
+from common.errors import ConfigurationError, RunError
 from common.lines import whole_lines
 from common.meter import MeterRow
 from common.state import write_whole
@@ -137,10 +137,21 @@ class RunDirectory:
         self._replace(WORK, "".join(row.model_dump_json() + "\n" for row in rows))
 
     def summary(self, summary: dict[str, Any]) -> None:
-        """Write the summary, and the rows in their final order."""
+        """Write the summary, and the rows in their final order.
+
+        Raises:
+            RunError: a number in it is not finite, which JSON cannot say; nothing of the run is lost.
+        """
+        try:
+            text = json.dumps(summary, indent=2, allow_nan=False)
+        except ValueError as error:
+            raise RunError(
+                f"{self.path / SUMMARY}: a figure is not finite ({error}), expected finite ones; rows and counters are "
+                "whole, see `jouleswarm report` with other prices"
+            ) from error
         ordered = sorted(self.rows, key=RoundRow.sort_key)
         self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
-        self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
+        self._replace(SUMMARY, text + "\n")
 
     def weights(self, name: str, payload: Payload) -> None:
         """Keep a model, as it came from the bus, as weights/<name>.safetensors."""

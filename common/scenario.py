@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from common.documents import parse_json, parse_toml
 from common.errors import ConfigurationError
+from common.fitting import misfits
 from common.maps import TaskMap, parse_map
 from common.methods import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
 from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Network, Section, Task, World
@@ -22,10 +23,10 @@ from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Net
 class Scenario(Section):
     """A whole experiment. Build one with `load_scenario`."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")
-    seed: int = Field(1, ge=0)
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
+    seed: int = Field(1, ge=0, le=2**63 - 1)
     methods: tuple[Method, ...] = ("maml", "fl")
-    tasks: tuple[Task, ...] = Field(min_length=1)
+    tasks: tuple[Task, ...] = Field(min_length=1, max_length=1000)
     world: World = World()
     camera: Camera = Camera()
     network: Network = Network()
@@ -57,6 +58,11 @@ class Scenario(Section):
                 raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
         if self.meta_methods and self.meta.t0 < 1:
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
+        if self.meta_methods and not self.meta.training_tasks:
+            raise ValueError(
+                f"meta.training_tasks is empty and methods has {', '.join(self.meta_methods)}: expected one or more of "
+                f"the tasks {ids}"
+            )
         if self.meta_methods and not set(self.meta.training_tasks) <= set(ids):
             raise ValueError(f"meta.training_tasks {self.meta.training_tasks} are not all among the tasks {ids}")
         meta = self.meta
@@ -83,6 +89,8 @@ class Scenario(Section):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
+        if misfit := next(misfits(self), None):
+            raise ValueError(misfit)
         return self
 
     def _check_on_missing(self) -> None:

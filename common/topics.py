@@ -164,6 +164,11 @@ def probe(run: str) -> str:
     return f"{ROOT}/{run}/meter/{RECORDER}/probe"
 
 
+def scenario(run: str, whose: str) -> str:
+    """Retained: the run's scenario, of the recorder, or of whoever came first (`SHARED`). Never metered."""
+    return f"{ROOT}/{run}/meter/{whose}/scenario"
+
+
 def claim(run: str, task: int, agent: int) -> str:
     """A process claims to be robot `agent` (0: the data center); one that is answers on the same topic."""
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/claim"

@@ -30,7 +30,7 @@ from datacenter.maml import (
     to_tensors,
 )
 from datacenter.metamodel import MetaModel
-from datacenter.motions import Motion, remember
+from datacenter.motions import Motion, Walks
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,12 @@ class MetaLearner:
             )
             for task in tasks
         }
+        per_round = scenario.learning.motions_per_round
+        self._walks = {task: Walks(replay, per_round) for task, replay in self._replays.items()}
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
-        remember(self._replays[task], motions)
+        self._walks[task].remember(motions)
 
     def learn(self, round_: int) -> dict[int, Gradients]:
         """One round over all training tasks; returns the gradients computed for each.
@@ -116,9 +118,9 @@ class MetaLearner:
         for name, leaf in self._leaves.items():
             state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
         tensors = State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
-        return State.of(
-            {"learner": tensors, **{f"replay-{task}": held.state() for task, held in self._replays.items()}}
-        )
+        replays = {f"replay-{task}": held.state() for task, held in self._replays.items()}
+        walks = {f"walks-{task}": held.state() for task, held in self._walks.items()}
+        return State.of({"learner": tensors, **replays, **walks})
 
     def load_state(self, state: State) -> None:
         """See `common.state.Stateful`."""
@@ -136,6 +138,7 @@ class MetaLearner:
             }
         for task, held in self._replays.items():
             held.load_state(state.part(f"replay-{task}"))
+            self._walks[task].load_state(state.part(f"walks-{task}"))
 
     def _counts(self, support: int, query: int) -> Gradients:
         """Batches as gradients: Reptile's and joint training's are all of one kind."""

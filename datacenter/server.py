@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from common import topics
+from common.agreement import Agreement
 from common.bus import Bus, Message
 from common.identity import Identity
 from common.listener import Listener
@@ -31,7 +32,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     killed.
 
     Raises:
-        ConfigurationError: another process is this run's data center.
+        ConfigurationError: another process is this run's data center, or the run has another scenario.
         RunError: the folder holds another scenario's state.
         TrainingError: a gradient is not finite.
     """
@@ -41,6 +42,8 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
+    agreement = Agreement(listener, scenario, run)
+    agreement.settle()
     identity.announce(0)  # who would be a second one hears it at once
     checkpoints = {
         method: Checkpoint(state / method if state else None, owner_of(scenario, run, method), durable=keep.durable)
@@ -51,7 +54,8 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
         if not checkpoint.is_finished:
             work = meta_train if method in META_METHODS else serve
             work(scenario, method, run, listener, identity, reporter, checkpoint)
-    reporter.leave(identity.filters, topics.presence(run, 0, 0))
+    agreement.leave()
+    reporter.leave([*identity.filters, *agreement.filters], topics.presence(run, 0, 0))
     if not keep.at_the_end:
         _forget(state, checkpoints)
 

@@ -181,7 +181,7 @@ def run_chaos(
 ) -> list[Fault]:
     """Inject `faults` faults into as many runs as it takes; what was done, and whether it changed anything."""
     rng = random.Random(seed)
-    run_deployment(scenario, options, "undisturbed", out, console, Options(restarts=0))
+    run_deployment(scenario, "undisturbed", out, console, Options(restarts=0))
     expected = outcome(out / "undisturbed")
     rows_in = Counter(_PHASE_OF[row["phase"]] for row in expected[0])
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
@@ -189,7 +189,7 @@ def run_chaos(
     idle = 0
     for number in itertools.count(1):
         chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng, rows_in)
-        run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
+        run_deployment(scenario, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)
         for fault in chaos.done:

@@ -87,8 +87,7 @@ def run(
         return
     overrides = _overrides(set_, seed)
     settings = load_scenario(scenario, overrides)
-    options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
-    _present(run_deployment(settings, options, run_id or new_run_id(settings), out, Console(), started), figures)
+    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
 
 
 @app.command()

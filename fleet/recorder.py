@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from common import topics
+from common.agreement import proclamation
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows, read_work
@@ -57,6 +58,7 @@ class Recorder:
         self._broker = BrokerCounters(bus, run, scenario.bus, self._hear)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
+        bus.publish(topics.scenario(run, CLIENT), proclamation(scenario), retain=True)
         bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
 
     @property
@@ -128,7 +130,8 @@ class Recorder:
         Raises:
             RunError: the broker has not answered; all the same everything is written, as of a run that failed.
         """
-        self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        for topic in (topics.recorder(self._run), *(topics.scenario(self._run, of) for of in (CLIENT, topics.SHARED))):
+            self._bus.publish(topic, b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         settings, silent = self._scenario, None

@@ -29,6 +29,7 @@ from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
 from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
+from fleet.learning import check_learning
 from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.report_data import other_version, read_manifest
@@ -76,7 +77,6 @@ class Options:
 
 def run_deployment(
     scenario: Scenario,
-    scenario_options: list[str],
     run: str,
     out: Path,
     console: Console,
@@ -84,11 +84,11 @@ def run_deployment(
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
-    `scenario_options` are the command-line options that make every process load this same scenario.
+    They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
     directory = _begin(out, run, console)
-    _deploy(scenario, scenario_options, run, directory, console, options)
+    _deploy(scenario, run, directory, console, options)
     return directory.path
 
 
@@ -113,7 +113,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     with usable("run directory", path):
         directory = RunDirectory(path, resume=True)
     _say_where(directory, console)
-    _deploy(scenario, ["--scenario", str(held.resolve())], manifest["run"], directory, console, options)
+    _deploy(scenario, manifest["run"], directory, console, options)
     return path
 
 
@@ -138,7 +138,6 @@ def _check(scenario: Scenario, options: Options) -> None:
 
 def _deploy(
     scenario: Scenario,
-    scenario_options: list[str],
     run: str,
     directory: RunDirectory,
     console: Console,
@@ -166,7 +165,8 @@ def _deploy(
         recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
-        common = ["--broker", line, *keys, "--run", run, *scenario_options, "--keep-state"]
+        held = ["--scenario", str((directory.path / MANIFEST).resolve())]
+        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
         common += ["--durable"] if options.durable else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
@@ -260,6 +260,7 @@ def _recording(
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
         yield recorder
+        check_learning(scenario, directory.rows)
         status = "complete"
     except KeyboardInterrupt:
         status = "interrupted"

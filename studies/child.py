@@ -33,9 +33,8 @@ def lead(folder: Path, name: str) -> None:
     """
     file = folder / "scenario.toml"
     settings = (folder / SETTINGS).read_text(encoding="utf-8").splitlines()
-    options = ["--scenario", str(file), *(part for each in settings for part in ("--set", each))]
     quiet = Console(quiet=True, force_terminal=False)
-    path = run_deployment(load_scenario(file, settings), options, name, folder, quiet)
+    path = run_deployment(load_scenario(file, settings), name, folder, quiet)
     run = load_run(path)
     if run.status != "complete":
         raise StudyError(f"the run is {run.status}, expected complete; see {path}")

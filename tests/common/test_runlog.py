@@ -1,6 +1,7 @@
 """The run directory."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -141,3 +142,12 @@ def test_what_is_no_run_is_not_gone_on_with(there: bool, tmp_path: Path) -> None
     with pytest.raises(ConfigurationError, match=r"has no manifest\.json; name one that `jouleswarm run` printed"):
         RunDirectory(path, resume=True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_that_json_cannot_say_is_an_error_and_no_summary(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path / "r")
+    with pytest.raises(
+        RunError, match=r"summary\.json: a figure is not finite .*expected finite ones; rows and counters"
+    ):
+        directory.summary({"arms": {"fl": {"energy_j": math.inf}}})
+    assert not (tmp_path / "r" / "summary.json").exists()

@@ -188,12 +188,12 @@ def test_every_price_can_be_changed() -> None:
 @pytest.mark.parametrize(
     ("option", "value", "says"),
     [
-        ("ul", 0.0, "--ul 0: expected a number above 0, in kb/J"),
+        ("ul", 0.0, "--ul 0: expected a number from 1e-09 to 1e+12, in kb/J"),
         ("sl", -5.0, "--sl -5: expected"),
         ("dl", float("nan"), "--dl nan: expected"),
         ("pue", 0.9, "--pue 0.9: expected a number of 1 or more"),
         ("beta", float("inf"), "--beta inf: expected"),
-        ("carbon_robots", -1.0, "--carbon-robots -1: expected a number of 0 or more, in gCO2e a kWh"),
+        ("carbon_robots", -1.0, "--carbon-robots -1: expected a number of 0 or more, up to 1e+06, in gCO2e a kWh"),
     ],
 )
 def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
