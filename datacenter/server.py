@@ -11,9 +11,11 @@ from common.bus import Bus, Message
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
-from common.payloads import ModelHeader, Presence, decode_json, encode_model
+from common.payloads import ModelHeader, Presence, decode_json
+from common.qnetwork import use_of
 from common.reports import Reporter
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.state import NOTHING, Keep
 from common.streams import WeightsEncoder
@@ -94,7 +96,8 @@ def meta_train(
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
             weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            reporter.deliver(topics.snapshot(run, method, round_), encode_model(weights, header))
+            saved = encode_saved_model(weights, header, use_of(scenario.network), heads=learner.meta_model.tasks)
+            reporter.deliver(topics.snapshot(run, method, round_), saved)
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.
                 models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)

@@ -83,7 +83,7 @@ import json, pathlib, sys
 def end(name):
     (run,) = (path.parent for path in (pathlib.Path(sys.argv[1]) / name).rglob("summary.json"))
     rows = [json.loads(line) for line in (run / "rounds.jsonl").read_text().splitlines()]
-    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused", "beta")} for row in rows]
     return rows, {path.name: path.read_bytes() for path in sorted((run / "weights").iterdir())}
 
 one, other = end("undisturbed"), end("disturbed")

@@ -39,6 +39,8 @@ _SHARE_OF_ROWS = 0.5
 _RESTARTS = 1000
 _IDLE_RUNS = 3
 CSV = "chaos.csv"
+_OF_TIME = ("seconds", "refused", "beta")
+"""Of a row. `beta` is there only where it was measured, by time."""
 
 
 @dataclass(frozen=True)
@@ -202,9 +204,9 @@ def run_chaos(
 
 
 def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
-    """What must not depend on faults: all rows but what tells of time and refusals, and all weights."""
+    """What must not depend on faults: all rows but what tells of time (a timed beta too) and refusals; all weights."""
     rows = [json.loads(line) for line in (path / "rounds.jsonl").read_text(encoding="utf-8").splitlines()]
-    figures = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    figures = [{key: value for key, value in row.items() if key not in _OF_TIME} for row in rows]
     return figures, {file.name: file.read_bytes() for file in sorted((path / "weights").iterdir())}
 
 

@@ -12,9 +12,10 @@ from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows
-from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
+from common.payloads import Acknowledgement, Presence, decode_json, encode_json
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
+from common.savedmodel import check_model
 from common.scenario import Scenario
 from common.snapshot import BrokerSnapshot
 from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name

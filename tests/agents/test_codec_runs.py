@@ -9,8 +9,9 @@ from benchmarks.in_memory import Outcome, run_in_memory
 from common.codecs import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
 from common.metaheads import head_of, meta_shapes
 from common.meter import MeterRow
-from common.payloads import ModelHeader, MotionHeader, check_model, decode_model, encode_motion
+from common.payloads import ModelHeader, MotionHeader, decode_model, encode_motion
 from common.qnetwork import build_qnetwork, shapes_of, to_weights
+from common.savedmodel import check_model
 from common.scenario import Scenario, load_scenario
 from common.streams import WeightsEncoder
 from common.tensorfile import tensor_bytes
