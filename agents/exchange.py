@@ -18,6 +18,7 @@ from common import topics
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError
+from common.host import Others, host
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
@@ -71,7 +72,9 @@ class Exchange:
             "presence": self._take_presence,
             "resend": self._take_resend,
         }
-        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s)
+        processor = host().arithmetic
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
+        self._others = Others(processor)
         self._reporter = Reporter(self._listener, run, rows)
         self.report, self.announce = self._reporter.row, self._identity.announce
 
@@ -263,8 +266,10 @@ class Exchange:
             does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
             log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
+            self._others.heard(presence)
             self._datacenter_stage = presence.stage
         elif presence.agent in self._stages:
+            self._others.heard(presence)
             self._stages[presence.agent] = presence.stage
             self._absence.here(presence.agent)
 

@@ -31,6 +31,7 @@ MOTION_METADATA_BYTES = 320
 MAX_REWARD = 1e9
 """The largest |reward| that is taken: scenarios stay far below, and in float32 its square is finite, so no message can
 make a learner's loss infinite."""
+MAX_PROCESSOR = 400
 MAX_COUNT = 2**53
 """Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
 
@@ -89,6 +90,7 @@ class Presence(Header):
     agent: Count
     stage: Count = 0
     state: Literal["here", "gone"] = Field("here", description="gone: the last will of a process that died")
+    processor: str | None = Field(None, max_length=MAX_PROCESSOR, description="what it computes on: see common/host.py")
 
 
 class RoundRequest(Header):

@@ -24,6 +24,8 @@ from common.lines import whole_lines
 from common.meter import MeterRow
 from common.state import write_whole
 
+COMPUTED_ON = "computed_on"
+"""In the manifest: client -> all that it has computed on, each a line (see `common.host`)."""
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
@@ -100,6 +102,14 @@ class RunDirectory:
     def manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""
         self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
+
+    def computed_on(self, client: str, processor: str) -> None:
+        """Note in the manifest what a process computes on, once for each that it has been on."""
+        manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        noted = manifest.setdefault(COMPUTED_ON, {}).setdefault(client, [])
+        if processor not in noted:
+            noted.append(processor)
+            self.manifest(manifest)
 
     def round(self, row: RoundRow) -> None:
         """Append a row; one that is there already, told again by a process that was killed, is left out.

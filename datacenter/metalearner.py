@@ -18,6 +18,7 @@ from common.replay import Replay
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import State
+from datacenter.device import compute_device
 from datacenter.maml import (
     Loss,
     Params,
@@ -53,7 +54,7 @@ class MetaLearner:
     def __init__(self, scenario: Scenario, method: Method, folder: Path | None = None) -> None:
         """`folder`: for the frames of the replay memories, for who wants to go on from a state."""
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
-        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self._device = compute_device()
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
         self._head = head_of(self._model)
         tasks = self._settings.training_tasks

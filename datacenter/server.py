@@ -8,6 +8,7 @@ from pathlib import Path
 
 from common import topics
 from common.bus import Bus, Message
+from common.host import PROCESSOR, host
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
@@ -22,6 +23,7 @@ from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, owner_of
 from datacenter.collector import Collector
+from datacenter.device import accelerator
 from datacenter.metalearner import Gradients, MetaLearner
 from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
@@ -39,7 +41,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     state = keep.folder
     listener = Listener(bus, scenario.bus.resend_after_s)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
-    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
+    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, host(accelerator()).arithmetic)
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
     identity.announce(0)  # who would be a second one hears it at once
@@ -123,7 +125,7 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
     for checkpoint in checkpoints.values():
         checkpoint.clear()
     if state is not None:
-        for path in (state / "rounds.jsonl", *state.glob("counters*")):
+        for path in (state / "rounds.jsonl", state / PROCESSOR, *state.glob("counters*")):
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()

@@ -18,7 +18,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from common.runlog import RoundRow
+from common.runlog import COMPUTED_ON, MANIFEST, RoundRow
 from common.scenario import Scenario
 from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
@@ -193,6 +193,8 @@ def run_chaos(
         run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)
+        if processors(out / chaos.run) != processors(out / "undisturbed"):
+            console.print(f"{chaos.run} was not computed on what the undisturbed run was; see their manifests")
         for fault in chaos.done:
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
@@ -208,6 +210,12 @@ def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
     rows = [json.loads(line) for line in (path / "rounds.jsonl").read_text(encoding="utf-8").splitlines()]
     figures = [{key: value for key, value in row.items() if key not in _OF_TIME} for row in rows]
     return figures, {file.name: file.read_bytes() for file in sorted((path / "weights").iterdir())}
+
+
+def processors(path: Path) -> set[str]:
+    """All that a run was computed on."""
+    noted = json.loads((path / MANIFEST).read_text(encoding="utf-8")).get(COMPUTED_ON, {})
+    return {processor for each in noted.values() for processor in each}
 
 
 def chaos_table(faults: Sequence[Fault]) -> Table:

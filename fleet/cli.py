@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from common.errors import JouleSwarmError
-from common.options import BrokerOption, KeysOption, SetOption
+from common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 from fleet.keys_cli import keys as keys_app
 
 app = typer.Typer(
@@ -62,6 +62,7 @@ def run(
         bool,
         typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
     ] = False,
+    other_processor: OtherProcessorOption = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -71,7 +72,7 @@ def run(
     from fleet.report import report as print_bill
     from fleet.run import Options, new_run_id, resume_deployment, run_deployment
 
-    started = Options(broker, keys, restarts, durable)
+    started = Options(broker, keys, restarts, durable, other_processor)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:

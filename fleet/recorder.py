@@ -46,6 +46,7 @@ class Recorder:
         self._broker_rows: list[MeterRow] = []
         self._asked, self._answered = "", False
         self._gone: dict[str, float] = {}
+        self._processors: dict[str, str] = {}
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
@@ -191,10 +192,21 @@ class Recorder:
         presence = decode_json(message.payload, Presence)
         check_presence(presence, message.topic, self._scenario, self._run)
         client = client_of(presence.agent)
+        if presence.processor is not None:
+            self._note_processor(client, presence.processor)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
         else:
             self._gone.pop(client, None)
+
+    def _note_processor(self, client: str, processor: str) -> None:
+        if self._processors.get(client) == processor:
+            return
+        if self._processors and processor not in self._processors.values():
+            told = "%s computes on %s, others on %s: weights may be others than on one alone"
+            log.warning(told, client, processor, next(iter(self._processors.values())))
+        self._processors[client] = processor
+        self._directory.computed_on(client, processor)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         check_row(telemetry, client, self._scenario)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from common.carbon import has_carbon
 from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downlink_bit_per_j
 from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from common.runlog import COMPUTED_ON
 from common.settings import Energy
 from fleet.arms import METHOD_LABELS, label, labels
 from fleet.conservation import conservation
@@ -43,6 +44,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
     lines = [
         *_notes_of_the_run(run),
         *_notes_of_the_arms(run),
+        *_notes_of_the_processors(run),
         "Column paper is as printed, all others are for this run's rounds. The last four are equations (8)-(12), with "
         "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
         "MQTT's own bytes.",
@@ -116,6 +118,19 @@ def _notes_of_the_run(run: Run) -> list[str]:
     if unlearned:
         lines.append(f"Not learned: {'; '.join(unlearned)}. Energies are not at equal reward.")
     return lines
+
+
+def _notes_of_the_processors(run: Run) -> list[str]:
+    """On what it was computed: two runs can be compared bit by bit only where that is the same."""
+    noted: dict[str, list[str]] = run.manifest.get(COMPUTED_ON, {})
+    by_processor: dict[str, list[str]] = {}
+    for client, processors in noted.items():
+        for processor in processors:
+            by_processor.setdefault(processor, []).append(client)
+    if len(by_processor) < 2:
+        return [f"Computed on {processor}; elsewhere weights may differ in their bits." for processor in by_processor]
+    told = "; ".join(f"{', '.join(clients)}: {processor}" for processor, clients in by_processor.items())
+    return [f"Computed on different processors ({told}): on one of them alone weights may be others."]
 
 
 def _notes_of_faults(run: Run) -> list[str]:

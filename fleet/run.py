@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import importlib.metadata
 import json
-import os
 import platform
 import secrets
 import shutil
@@ -17,17 +16,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from pydantic import ValidationError
 from rich.console import Console
 
 from common import topics
 from common.errors import ConfigurationError, JouleSwarmError
+from common.host import Host, Machine, machine, moved
 from common.keys import Credentials, credentials_of
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
 from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
-from fleet.launcher import Launcher
+from fleet.launcher import Launcher, host_of_processes
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -66,6 +67,8 @@ class Options:
     """How often a process that was killed is started again."""
     durable: bool = False
     """Whether each round is on the disk, for a power failure, before it goes on."""
+    other_processor: bool = False
+    """Whether a run may be gone on with elsewhere than where it was begun."""
     intruder: Intruder | None = None
     """Who may interfere."""
 
@@ -99,10 +102,25 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     _check(scenario, options)
+    _check_processor(held, options, console)
     name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
     directory = RunDirectory(path, resume=True)
     _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
     return path
+
+
+def _check_processor(manifest: Path, options: Options, console: Console) -> None:
+    """Hold this machine against the one on which a run was begun, or last gone on with."""
+    noted = json.loads(manifest.read_text(encoding="utf-8")).get("host", {})
+    try:
+        before = Host.model_validate(noted).arithmetic
+    except ValidationError:  # of a version that did not note it
+        return
+    here = host_of_processes().arithmetic
+    if before != here:
+        if not options.other_processor:
+            raise ConfigurationError(f"run {manifest.parent}: {moved(before, here)}")
+        console.print(f"begun on {before}; going on on {here}", highlight=False)
 
 
 def _check(scenario: Scenario, options: Options) -> None:
@@ -132,13 +150,16 @@ def _deploy(
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
+        launcher.prepare()  # meanwhile the broker starts
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
-        recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
+        described = manifest(scenario, run, url, embedded=embedded, host=host_of_processes())
+        recording = _recording(scenario, url, run, directory, console, credentials, described, state)
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         common = ["--broker", line, *keys, "--run", run, *scenario_options, "--keep-state"]
         common += ["--durable"] if options.durable else []
+        common += ["--other-processor"] if options.other_processor else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
@@ -164,15 +185,16 @@ def record_deployment(
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
     directory = RunDirectory(out / topics.run_name(run))
-    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
+    described = manifest(scenario, run, broker, embedded=False)
+    with _recording(scenario, broker, run, directory, console, credentials, described) as recorder:
         if ready_file is not None:
             ready_file.touch()
         _watch(scenario, recorder, console, None)
     return directory.path
 
 
-def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
-    """What `manifest.json` holds."""
+def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool, host: Machine | None = None) -> dict[str, Any]:
+    """What `manifest.json` holds; `host`: this machine, and what processes started on it compute on."""
     return {
         "schema": SCHEMA,
         "run": run,
@@ -182,7 +204,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
         },
-        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "host": (host or machine()).model_dump(exclude_none=True),
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
     }
@@ -202,15 +224,14 @@ def _recording(
     directory: RunDirectory,
     console: Console,
     credentials: Credentials | None,
+    described: dict[str, Any],
     state: Path | None = None,
-    *,
-    embedded: bool,
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
-    described = manifest(scenario, run, url, embedded=embedded)
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
-        described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
+        resumed = [*before.get("resumed", ()), described["started"]]
+        described = {**before, "resumed": resumed, "host": described["host"]}
     directory.manifest(described)
     bus = MqttBus.connect(
         url,

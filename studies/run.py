@@ -13,7 +13,7 @@ from common.errors import ConfigurationError, StudyError
 from common.scenario import Scenario, with_overrides
 from studies.catalogue import kind_of
 from studies.engine import FACTS, run_jobs
-from studies.facts import read_facts, write_facts
+from studies.facts import processors_note, read_facts, write_facts
 from studies.jobs import Request
 from studies.kinds import Kind, write_outputs
 from studies.progress import Progress
@@ -64,7 +64,10 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         functools.partial(connected, where.scheduler, min(where.workers, len(plan.jobs))),
         Progress(console, f"study {kind.name}"),
     )
-    written = make_tables(where.results) if read_facts(where.results / FACTS) else []
+    facts = read_facts(where.results / FACTS)
+    written = make_tables(where.results) if facts else []
+    if note := processors_note(facts):
+        console.print(note, highlight=False)
     if failed:
         told = "; ".join(f"{name} ({type(error).__name__}: {error})" for name, error in failed.items())
         raise StudyError(f"{len(failed)} of {len(plan.jobs)} jobs failed, run again to try them again: {told}")
