@@ -59,7 +59,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError
-        from common.host import host, same_arithmetic
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
@@ -75,7 +75,7 @@ def main(
                 f"{list(settings.clusters.get(task, ()))}"
             )
         use_one_thread()
-        same_arithmetic(state, host().arithmetic, other_processor=other_processor)
+        same_arithmetic(state, arithmetic(), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))

@@ -18,7 +18,7 @@ from common import topics
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError
-from common.host import Others, host
+from common.host import Others, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
@@ -72,7 +72,7 @@ class Exchange:
             "presence": self._take_presence,
             "resend": self._take_resend,
         }
-        processor = host().arithmetic
+        processor = arithmetic()
         self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
         self._others = Others(processor)
         self._reporter = Reporter(self._listener, run, rows)

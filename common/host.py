@@ -10,8 +10,7 @@ import os
 import platform
 from functools import cache
 from pathlib import Path
-
-from pydantic import BaseModel, ConfigDict
+from typing import Any
 
 from common.errors import ConfigurationError
 from common.payloads import MAX_PROCESSOR, Presence
@@ -22,8 +21,8 @@ log = logging.getLogger("jouleswarm.host")
 PROCESSOR = "processor"
 """File in a state folder: what its states were computed on, a line each, the newest last."""
 
-_NUMBERS = ("cpu family", "model", "cpu implementer", "cpu part")  # of x86, of Arm
 _CPU_INFO = Path("/proc/cpuinfo")
+_NUMBERS = ("cpu family", "model", "cpu implementer", "cpu part")  # of x86, of Arm
 # What makes these libraries take other instructions than the processor's best.
 _SWITCHES = (
     "ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR", "OPENBLAS_CORETYPE",
@@ -31,64 +30,38 @@ _SWITCHES = (
 )  # fmt: skip
 
 
-class Machine(BaseModel):
-    """What can be told without loading PyTorch."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    system: str
-    machine: str
-    cores: int | None
-    processor: str
-
-
-class Host(Machine):
-    """What decides how a process rounds."""
-
-    cpu_capability: str
-    """Instructions that PyTorch's own kernels use; ATEN_CPU_CAPABILITY lowers it."""
-    threads: int
-    libraries: dict[str, str]
-    switches: dict[str, str]
-    """Environment variables that make a library take other instructions."""
-    accelerator: str | None = None
-
-    @property
-    def arithmetic(self) -> str:
-        """In one line; two processes round alike where it is the same."""
-        parts = [
-            *([self.accelerator] if self.accelerator else []),
-            self.cpu_capability,
-            self.processor,
-            self.machine,
-            f"{self.threads} thread{'s' if self.threads > 1 else ''}",
-            *(f"{name} {version}" for name, version in self.libraries.items()),
-            *(f"{name}={value}" for name, value in self.switches.items()),
-        ]
-        return ", ".join(parts)[:MAX_PROCESSOR]
+def machine() -> dict[str, Any]:
+    """This machine, as far as it can be told without loading PyTorch."""
+    return {
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "processor": _processor_model(),
+    }
 
 
-def machine() -> Machine:
-    """This machine."""
-    return Machine(
-        system=platform.platform(), machine=platform.machine(), cores=os.cpu_count(), processor=_processor_model()
-    )
+def arithmetic(accelerator: str | None = None) -> str:
+    """What decides how this process rounds, in one line; loads PyTorch.
 
-
-def host(accelerator: str | None = None) -> Host:
-    """On what this process computes; loads PyTorch. `accelerator`: where it is not the processor alone."""
+    `accelerator`: what computes beside the processor.
+    """
     import cv2
     import numpy as np
     import torch
 
-    return Host(
-        **machine().model_dump(),
-        cpu_capability=torch.backends.cpu.get_cpu_capability(),
-        threads=torch.get_num_threads(),
-        libraries={"torch": torch.__version__, "numpy": np.__version__, "opencv": cv2.__version__},
-        switches={name: os.environ[name] for name in _SWITCHES if name in os.environ},
-        accelerator=accelerator,
-    )
+    threads = torch.get_num_threads()
+    parts = [
+        *([accelerator] if accelerator else []),
+        torch.backends.cpu.get_cpu_capability(),  # the instructions of PyTorch's own kernels: ATEN_CPU_CAPABILITY
+        _processor_model(),
+        platform.machine(),
+        f"{threads} thread{'s' if threads > 1 else ''}",
+        f"torch {torch.__version__}",
+        f"numpy {np.__version__}",
+        f"opencv {cv2.__version__}",
+        *(f"{name}={os.environ[name]}" for name in _SWITCHES if name in os.environ),
+    ]
+    return ", ".join(parts)[:MAX_PROCESSOR]
 
 
 def same_arithmetic(folder: Path | None, here: str, *, other_processor: bool) -> None:
@@ -150,3 +123,10 @@ def _processor_model() -> str:
     name = fields.get("model name") or platform.processor() or "processor without a name"
     numbers = [f"{key} {fields[key]}" for key in _NUMBERS if key in fields]
     return " ".join([name, *numbers])
+
+
+if __name__ == "__main__":  # for who does not want to load PyTorch: `fleet.run` asks so
+    from common.process import use_one_thread
+
+    use_one_thread()
+    print(arithmetic())

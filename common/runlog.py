@@ -24,8 +24,7 @@ from common.lines import whole_lines
 from common.meter import MeterRow
 from common.state import write_whole
 
-COMPUTED_ON = "computed_on"
-"""In the manifest: client -> all that it has computed on, each a line (see `common.host`)."""
+_COMPUTED_ON = "computed_on"
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
@@ -104,10 +103,10 @@ class RunDirectory:
         self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
 
     def computed_on(self, client: str, processor: str) -> None:
-        """Note in the manifest what a process computes on, once for each that it has been on."""
+        """Note in the manifest what a process computes on from here on."""
         manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-        noted = manifest.setdefault(COMPUTED_ON, {}).setdefault(client, [])
-        if processor not in noted:
+        noted = manifest.setdefault("host", {}).setdefault(_COMPUTED_ON, {}).setdefault(client, [])
+        if noted[-1:] != [processor]:
             noted.append(processor)
             self.manifest(manifest)
 
@@ -172,6 +171,12 @@ class RunDirectory:
 
     def _replace(self, name: str, text: str) -> None:
         write_whole(self.path / name, text.encode())
+
+
+def computed_on(manifest: dict[str, Any]) -> dict[str, list[str]]:
+    """Client -> what it has computed on, one after the other, as a run's manifest has it (see `common.host`)."""
+    noted: dict[str, list[str]] = manifest.get("host", {}).get(_COMPUTED_ON, {})
+    return noted
 
 
 def _whose(row: RoundRow) -> tuple[object, ...]:

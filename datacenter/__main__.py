@@ -52,7 +52,7 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError
-        from common.host import host, same_arithmetic
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
@@ -66,7 +66,7 @@ def main(
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
         use_one_thread()
-        same_arithmetic(state, host(accelerator()).arithmetic, other_processor=other_processor)
+        same_arithmetic(state, arithmetic(accelerator()), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         bus = MqttBus.connect(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from common import topics
 from common.bus import Bus, Message
-from common.host import PROCESSOR, host
+from common.host import PROCESSOR, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
@@ -41,7 +41,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     state = keep.folder
     listener = Listener(bus, scenario.bus.resend_after_s)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
-    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, host(accelerator()).arithmetic)
+    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, arithmetic(accelerator()))
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
     identity.announce(0)  # who would be a second one hears it at once

@@ -18,7 +18,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from common.runlog import COMPUTED_ON, MANIFEST, RoundRow
+from common.runlog import MANIFEST, RoundRow, computed_on
 from common.scenario import Scenario
 from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
@@ -214,7 +214,7 @@ def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
 
 def processors(path: Path) -> set[str]:
     """All that a run was computed on."""
-    noted = json.loads((path / MANIFEST).read_text(encoding="utf-8")).get(COMPUTED_ON, {})
+    noted = computed_on(json.loads((path / MANIFEST).read_text(encoding="utf-8")))
     return {processor for each in noted.values() for processor in each}
 
 

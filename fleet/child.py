@@ -7,7 +7,6 @@ import importlib
 import os
 import signal
 import sys
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -23,18 +22,6 @@ def run_module(module: str, arguments: list[str], log: Path) -> None:
     os.close(descriptor)
     sys.argv = [f"python -m {module}", *arguments]
     importlib.import_module(f"{module}.__main__").app()
-
-
-def tell_host(to: Connection) -> None:
-    """Say on what processes started like this one compute."""
-    from common.host import host
-    from common.process import use_one_thread
-
-    _end_with_fork_server()
-    os.setsid()
-    use_one_thread()
-    to.send_bytes(host().model_dump_json().encode())
-    to.close()
 
 
 def _end_with_fork_server() -> None:

@@ -12,13 +12,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from multiprocessing import forkserver, resource_tracker
-from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from common.errors import RunError
-from common.host import Host
 
 # Loaded once in the fork server; every process then shares the memory of these.
 _PRELOAD = ["fleet.child", "agents.__main__", "agents.agent", "datacenter.__main__", "datacenter.server", "common.mqtt"]
@@ -49,7 +48,11 @@ class Launcher:
         self._commands: dict[str, tuple[str, list[str]]] = {}
         self._restarted: Counter[str] = Counter()
         self._held: dict[str, float] = {}
-        self._context = _fork_server()
+        # Before numpy and torch are loaded: a pool of threads made before a fork is of no use after it.
+        for variable in _ARITHMETIC_THREADS:
+            os.environ.setdefault(variable, "1")
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(_PRELOAD)
 
     def __enter__(self) -> Self:
         return self
@@ -73,10 +76,6 @@ class Launcher:
             except subprocess.TimeoutExpired:
                 self._broker.kill()
                 self._broker.wait()
-
-    def prepare(self) -> None:
-        """Begin to load what all processes need."""
-        _ensure_fork_server()
 
     def start_broker(self, arguments: Sequence[str] = ()) -> dict[str, str]:
         """Start the embedded broker on a free port of this machine; returns its URLs.
@@ -161,37 +160,6 @@ class Launcher:
     def _tail(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
         return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
-
-
-def host_of_processes() -> Host:
-    """On what the processes that a launcher starts compute.
-
-    Raises:
-        RunError: the process that was asked has ended.
-    """
-    from fleet.child import tell_host
-
-    context = _fork_server()
-    _ensure_fork_server()
-    answer, to = context.Pipe(duplex=False)
-    child = context.Process(target=tell_host, args=(to,), name="host", daemon=True)
-    child.start()
-    to.close()
-    try:
-        told = answer.recv_bytes()
-    except EOFError as error:
-        raise RunError("no process can be started here: the first one ended before it had said anything") from error
-    child.join()
-    return Host.model_validate_json(told)
-
-
-def _fork_server() -> ForkServerContext:
-    # Before numpy and torch are loaded: a pool of threads made before a fork is of no use after it.
-    for variable in _ARITHMETIC_THREADS:
-        os.environ.setdefault(variable, "1")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_PRELOAD)
-    return context
 
 
 def _ensure_fork_server() -> None:

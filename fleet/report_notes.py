@@ -5,7 +5,7 @@ from __future__ import annotations
 from common.carbon import has_carbon
 from common.energy import PUBLISHED_SL_BIT_PER_J, PUBLISHED_UL_BIT_PER_J, downlink_bit_per_j
 from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
-from common.runlog import COMPUTED_ON
+from common.runlog import computed_on
 from common.settings import Energy
 from fleet.arms import METHOD_LABELS, label, labels
 from fleet.conservation import conservation
@@ -122,10 +122,9 @@ def _notes_of_the_run(run: Run) -> list[str]:
 
 def _notes_of_the_processors(run: Run) -> list[str]:
     """On what it was computed: two runs can be compared bit by bit only where that is the same."""
-    noted: dict[str, list[str]] = run.manifest.get(COMPUTED_ON, {})
     by_processor: dict[str, list[str]] = {}
-    for client, processors in noted.items():
-        for processor in processors:
+    for client, processors in computed_on(run.manifest).items():
+        for processor in dict.fromkeys(processors):
             by_processor.setdefault(processor, []).append(client)
     if len(by_processor) < 2:
         return [f"Computed on {processor}; elsewhere weights may differ in their bits." for processor in by_processor]

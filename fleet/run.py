@@ -9,6 +9,8 @@ import json
 import platform
 import secrets
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -16,19 +18,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from pydantic import ValidationError
 from rich.console import Console
 
 from common import topics
-from common.errors import ConfigurationError, JouleSwarmError
-from common.host import Host, Machine, machine, moved
+from common.errors import ConfigurationError, JouleSwarmError, RunError
+from common.host import machine, moved
 from common.keys import Credentials, credentials_of
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
-from common.runlog import MANIFEST, STATE, RunDirectory
+from common.runlog import MANIFEST, STATE, RunDirectory, computed_on
 from common.scenario import Scenario, load_scenario
-from fleet.launcher import Launcher, host_of_processes
+from fleet.launcher import Launcher
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -111,16 +112,23 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
 
 def _check_processor(manifest: Path, options: Options, console: Console) -> None:
     """Hold this machine against the one on which a run was begun, or last gone on with."""
-    noted = json.loads(manifest.read_text(encoding="utf-8")).get("host", {})
-    try:
-        before = Host.model_validate(noted).arithmetic
-    except ValidationError:  # of a version that did not note it
+    noted = computed_on(json.loads(manifest.read_text(encoding="utf-8")))
+    before = {processors[-1] for client, processors in noted.items() if client != DATA_CENTER}  # which may have CUDA
+    if not before:
         return
-    here = host_of_processes().arithmetic
-    if before != here:
+    here = _arithmetic_here()
+    for other in before - {here}:
         if not options.other_processor:
-            raise ConfigurationError(f"run {manifest.parent}: {moved(before, here)}")
-        console.print(f"begun on {before}; going on on {here}", highlight=False)
+            raise ConfigurationError(f"run {manifest.parent}: {moved(other, here)}")
+        console.print(f"begun on {other}; going on on {here}", highlight=False)
+
+
+def _arithmetic_here() -> str:
+    # In a process of its own: this one does not load PyTorch.
+    asked = subprocess.run([sys.executable, "-m", "common.host"], capture_output=True, text=True, check=False)
+    if asked.returncode:
+        raise RunError(f"cannot tell what is computed on here: {asked.stderr.strip().splitlines()[-1:]}")
+    return asked.stdout.strip()
 
 
 def _check(scenario: Scenario, options: Options) -> None:
@@ -150,11 +158,9 @@ def _deploy(
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
-        launcher.prepare()  # meanwhile the broker starts
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
-        described = manifest(scenario, run, url, embedded=embedded, host=host_of_processes())
-        recording = _recording(scenario, url, run, directory, console, credentials, described, state)
+        recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         common = ["--broker", line, *keys, "--run", run, *scenario_options, "--keep-state"]
@@ -185,16 +191,15 @@ def record_deployment(
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
     directory = RunDirectory(out / topics.run_name(run))
-    described = manifest(scenario, run, broker, embedded=False)
-    with _recording(scenario, broker, run, directory, console, credentials, described) as recorder:
+    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
         if ready_file is not None:
             ready_file.touch()
         _watch(scenario, recorder, console, None)
     return directory.path
 
 
-def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool, host: Machine | None = None) -> dict[str, Any]:
-    """What `manifest.json` holds; `host`: this machine, and what processes started on it compute on."""
+def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
+    """What `manifest.json` holds; on what each process computes comes with its presence."""
     return {
         "schema": SCHEMA,
         "run": run,
@@ -204,7 +209,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool, host: Ma
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
         },
-        "host": (host or machine()).model_dump(exclude_none=True),
+        "host": machine(),
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
     }
@@ -224,14 +229,15 @@ def _recording(
     directory: RunDirectory,
     console: Console,
     credentials: Credentials | None,
-    described: dict[str, Any],
     state: Path | None = None,
+    *,
+    embedded: bool,
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
+    described = manifest(scenario, run, url, embedded=embedded)
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
-        resumed = [*before.get("resumed", ()), described["started"]]
-        described = {**before, "resumed": resumed, "host": described["host"]}
+        described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
     directory.manifest(described)
     bus = MqttBus.connect(
         url,

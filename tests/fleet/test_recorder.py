@@ -377,6 +377,6 @@ def test_the_manifest_says_what_each_process_computes_on_and_another_one_is_told
         table.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
         table.pump()
     expected = {"agent-1": ["one"], "agent-2": ["one", "other"], "datacenter": ["other"]}
-    assert table.json(MANIFEST) == {"run": RUN, "computed_on": expected}
+    assert table.json(MANIFEST) == {"run": RUN, "host": {"computed_on": expected}}
     told = "agent-2 computes on other, others on one: weights may be others than on one alone"
     assert [record.getMessage() for record in caplog.records] == [told]
