@@ -333,7 +333,7 @@ def test_presence_is_retained_for_robots_that_come_later() -> None:
     late.subscribe(topics.presence(RUN, TASK, ME))
     message = heard(late)
     assert message.retained
-    assert decode_json(message.payload, Presence) == Presence(agent=ME, stage=3)
+    assert decode_json(message.payload, Presence) == Presence(agent=ME, stage=3, processor=arithmetic())
 
 
 def want(table: Table, first: int, last: int) -> None:
