@@ -12,6 +12,7 @@ from agents.metalink import MetaLink
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
+from common.host import arithmetic
 from common.methods import Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
 from common.settings import Bus, Federation
