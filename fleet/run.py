@@ -120,7 +120,7 @@ def _check_processor(manifest: Path, options: Options, console: Console) -> None
     for other in before - {here}:
         if not options.other_processor:
             raise ConfigurationError(f"run {manifest.parent}: {moved(other, here)}")
-        console.print(f"begun on {other}; going on on {here}", highlight=False)
+        console.print(f"begun on {other}; going on on {here}", highlight=False, soft_wrap=True)
 
 
 def _arithmetic_here() -> str:
