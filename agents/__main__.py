@@ -14,6 +14,7 @@ from common.options import (
     DurableOption,
     KeepStateOption,
     KeysOption,
+    OtherProcessorOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -42,6 +43,7 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
@@ -57,6 +59,7 @@ def main(
         from agents.agent import run_agent
         from common import topics
         from common.errors import ConfigurationError, RunError, usable
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
@@ -72,6 +75,7 @@ def main(
                 f"{list(settings.clusters.get(task, ()))}"
             )
         use_one_thread()
+        same_arithmetic(state, arithmetic(), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))

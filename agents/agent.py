@@ -19,10 +19,11 @@ from common.bus import Bus
 from common.learner import Learner, Weights
 from common.metaheads import head_of, meta_shapes, start_of
 from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.payloads import ModelHeader, encode_model
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
+from common.payloads import ModelHeader
+from common.qnetwork import build_qnetwork, shapes_of, to_weights, use_of
 from common.rewards import RewardLedger
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import NOTHING, Keep, Stateful
@@ -159,7 +160,7 @@ class Robot:
                 learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
         if self.agent == min({*scenario.cluster(self.task)}.difference(self.exchange.missed)):
-            self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))
+            self.exchange.hand_in(encode_saved_model(mine, header, use_of(scenario.network), self.explorer.evaluation))
         self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
 
     def follow(self, arm: Arm, weights: Weights) -> None:

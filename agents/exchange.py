@@ -19,6 +19,7 @@ from common.agreement import Agreement
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError
+from common.host import Others, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
@@ -73,7 +74,9 @@ class Exchange:
             "presence": self._take_presence,
             "resend": self._take_resend,
         }
-        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s)
+        processor = arithmetic()
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
+        self._others = Others(processor)
         self._reporter = Reporter(self._listener, run, rows)
         self.report, self.announce = self._reporter.row, self._identity.announce
 
@@ -276,8 +279,10 @@ class Exchange:
             does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
             log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
+            self._others.heard(presence)
             self._datacenter_stage = max(self._datacenter_stage, presence.stage)
         elif presence.agent in self._stages:
+            self._others.heard(presence)
             # An older word may come again after a newer one, and who comes back from a state begins with 0.
             self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
             self._absence.here(presence.agent)

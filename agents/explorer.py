@@ -17,6 +17,7 @@ from common.frames import resize
 from common.learner import Learner, Policy
 from common.maps import Cell
 from common.payloads import MotionHeader
+from common.savedmodel import Evaluation
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.settings import Starts
@@ -50,6 +51,8 @@ class Explorer:
         """Counts each motion as it is made, also of a round that is not kept."""
         self._is_under_way = False  # whether the episode that goes up to a data center goes on in the next round
         self._places: list[Place | None] = [None]  # where a meta-learning round leaves the robot, from round 0 on
+        self.evaluation: Evaluation | None = None
+        """How the newest `evaluate` was begun, for who wants to see it again."""
 
     @cached_property
     def _best(self) -> npt.NDArray[np.int64]:
@@ -104,13 +107,15 @@ class Explorer:
 
         An episode that does not reach the exit never counts above 0 (DESIGN: it counts only with its exit).
         """
+        discount = self._scenario.learning.discount
+        self.evaluation = Evaluation(discount=discount, noise=self._evaluation.state()["rng"])
         frame, info = self._evaluation.reset(options={"start": "entry"})
         walked, total, factor, ended, terminated = [info["cell"]], 0.0, 1.0, False, False
         while not ended:
             action = int(policy.q_values(self._resized(frame)).argmax())
             frame, reward, terminated, truncated, info = self._evaluation.step(action)
             total += factor * float(reward)
-            factor *= self._scenario.learning.discount
+            factor *= discount
             walked.append(info["cell"])
             ended = terminated or truncated
         error_m = rmse_m(walked, self._map, self._scenario.world.cell_m)

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from common.host import PROCESSOR
 from common.learner import Weights
 from common.meter import Meter
 from common.scenario import Scenario
 from common.state import STATE_FILE, Keep, State, StateFile, Stateful
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
-_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*")
+_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", PROCESSOR)
 
 
 class Memory:

@@ -25,6 +25,7 @@ from common.meter import MeterRow
 from common.state import write_whole
 from common.work import WorkRow
 
+_COMPUTED_ON = "computed_on"
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
@@ -103,6 +104,14 @@ class RunDirectory:
         """Write the manifest."""
         self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
 
+    def computed_on(self, client: str, processor: str) -> None:
+        """Note in the manifest what a process computes on from here on."""
+        manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        noted = manifest.setdefault("host", {}).setdefault(_COMPUTED_ON, {}).setdefault(client, [])
+        if noted[-1:] != [processor]:
+            noted.append(processor)
+            self.manifest(manifest)
+
     def round(self, row: RoundRow) -> None:
         """Append a row; one that is there already, told again by a process that was killed, is left out.
 
@@ -175,6 +184,12 @@ class RunDirectory:
 
     def _replace(self, name: str, text: str) -> None:
         write_whole(self.path / name, text.encode())
+
+
+def computed_on(manifest: dict[str, Any]) -> dict[str, list[str]]:
+    """Client -> what it has computed on, one after the other, as a run's manifest has it (see `common.host`)."""
+    noted: dict[str, list[str]] = manifest.get("host", {}).get(_COMPUTED_ON, {})
+    return noted
 
 
 def _whose(row: RoundRow) -> tuple[object, ...]:

@@ -14,6 +14,7 @@ from common.options import (
     DurableOption,
     KeepStateOption,
     KeysOption,
+    OtherProcessorOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -36,6 +37,7 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
@@ -50,18 +52,21 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from common import topics
         from common.errors import ConfigurationError, RunError, usable
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
         from common.state import Keep
+        from datacenter.device import accelerator
         from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
         use_one_thread()
+        same_arithmetic(state, arithmetic(accelerator()), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         with usable("--state", state):

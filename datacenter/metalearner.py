@@ -19,6 +19,7 @@ from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import State
 from common.work import TallyOf, nobody
+from datacenter.device import compute_device
 from datacenter.maml import (
     Loss,
     Params,
@@ -58,7 +59,7 @@ class MetaLearner:
         """
         self._tally = tally
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
-        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self._device = compute_device()
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
         self._head = head_of(self._model)
         tasks = self._settings.training_tasks

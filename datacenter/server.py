@@ -10,18 +10,22 @@ from pathlib import Path
 from common import topics
 from common.agreement import Agreement
 from common.bus import Bus, Message
+from common.host import PROCESSOR, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
-from common.payloads import ModelHeader, Presence, decode_json, encode_model
+from common.payloads import ModelHeader, Presence, decode_json
+from common.qnetwork import use_of
 from common.reports import Reporter
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.state import NOTHING, Keep
 from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, owner_of
 from datacenter.collector import Collector
+from datacenter.device import accelerator
 from datacenter.metalearner import Gradients, MetaLearner
 from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
@@ -39,7 +43,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     state = keep.folder
     listener = Listener(bus, scenario.bus.resend_after_s)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
-    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
+    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, arithmetic(accelerator()))
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
     agreement = Agreement(listener, scenario, run)
@@ -99,7 +103,8 @@ def meta_train(
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
             weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            reporter.deliver(topics.snapshot(run, method, round_), encode_model(weights, header))
+            saved = encode_saved_model(weights, header, use_of(scenario.network), heads=learner.meta_model.tasks)
+            reporter.deliver(topics.snapshot(run, method, round_), saved)
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.
                 models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
@@ -125,7 +130,7 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
     for checkpoint in checkpoints.values():
         checkpoint.clear()
     if state is not None:
-        for path in (state / "rounds.jsonl", *state.glob("counters*")):
+        for path in (state / "rounds.jsonl", state / PROCESSOR, *state.glob("counters*")):
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()

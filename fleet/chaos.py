@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import RunError, usable
-from common.runlog import RoundRow
+from common.runlog import MANIFEST, RoundRow, computed_on
 from common.scenario import Scenario
 from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
@@ -40,6 +40,8 @@ _SHARE_OF_ROWS = 0.5
 _RESTARTS = 1000
 _IDLE_RUNS = 3
 CSV = "chaos.csv"
+_OF_TIME = ("seconds", "refused", "beta")
+"""Of a row. `beta` is there only where it was measured, by time."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,8 @@ def run_chaos(
         run_deployment(scenario, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)
+        if processors(out / chaos.run) != processors(out / "undisturbed"):
+            console.print(f"{chaos.run} was not computed on what the undisturbed run was; see their manifests")
         for fault in chaos.done:
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
@@ -204,10 +208,16 @@ def run_chaos(
 
 
 def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
-    """What must not depend on faults: all rows but what tells of time and refusals, and all weights."""
+    """What must not depend on faults: all rows but what tells of time (a timed beta too) and refusals; all weights."""
     rows = [json.loads(line) for line in (path / "rounds.jsonl").read_text(encoding="utf-8").splitlines()]
-    figures = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    figures = [{key: value for key, value in row.items() if key not in _OF_TIME} for row in rows]
     return figures, {file.name: file.read_bytes() for file in sorted((path / "weights").iterdir())}
+
+
+def processors(path: Path) -> set[str]:
+    """All that a run was computed on."""
+    noted = computed_on(json.loads((path / MANIFEST).read_text(encoding="utf-8")))
+    return {processor for each in noted.values() for processor in each}
 
 
 def chaos_table(faults: Sequence[Fault]) -> Table:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from common.options import BrokerOption, KeysOption, SetOption
+from common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 from fleet.entry import command_line
 from fleet.keys_cli import keys as keys_app
 
@@ -68,6 +68,7 @@ def run(
         bool,
         typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
     ] = False,
+    other_processor: OtherProcessorOption = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -76,7 +77,7 @@ def run(
     from common.scenario import load_scenario
     from fleet.run import Options, new_run_id, resume_deployment, run_deployment
 
-    started = Options(broker, keys, restarts, durable)
+    started = Options(broker, keys, restarts, durable, other_processor)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:

@@ -13,9 +13,10 @@ from common.agreement import proclamation
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows, read_work
-from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
+from common.payloads import Acknowledgement, Presence, decode_json, encode_json
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
+from common.savedmodel import check_model
 from common.scenario import Scenario
 from common.work import WorkRow
 from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
@@ -47,6 +48,7 @@ class Recorder:
         self.refused = 0
         self._is_late = False
         self._gone: dict[str, float] = {}
+        self._processors: dict[str, str] = {}
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
@@ -212,10 +214,21 @@ class Recorder:
         client = client_of(presence.agent)
         # Who was there before; on another connection the broker tells again of everybody.
         self._is_late = self._is_late or (message.retained and presence.state == "here" and self._bus.connections == 1)
+        if presence.processor is not None:
+            self._note_processor(client, presence.processor)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
         else:
             self._gone.pop(client, None)
+
+    def _note_processor(self, client: str, processor: str) -> None:
+        if self._processors.get(client) == processor:
+            return
+        if self._processors and processor not in self._processors.values():
+            told = "%s computes on %s, others on %s: weights may be others than on one alone"
+            log.warning(told, client, processor, next(iter(self._processors.values())))
+        self._processors[client] = processor
+        self._directory.computed_on(client, processor)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         row = telemetry.row

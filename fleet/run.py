@@ -6,10 +6,10 @@ import contextlib
 import datetime
 import importlib.metadata
 import json
-import os
 import platform
 import secrets
 import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -21,15 +21,17 @@ from rich.console import Console
 
 from common import topics
 from common.errors import ConfigurationError, JouleSwarmError, RunError, usable
+from common.host import machine, moved
 from common.keys import Credentials, credentials_of
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
-from common.runlog import MANIFEST, STATE, RunDirectory
+from common.runlog import MANIFEST, STATE, RunDirectory, computed_on
 from common.scenario import Scenario, load_scenario
 from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
 from fleet.learning import check_learning
+from fleet.packages import command_of
 from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.report_data import other_version, read_manifest
@@ -71,6 +73,8 @@ class Options:
     """How often a process that was killed is started again."""
     durable: bool = False
     """Whether each round is on the disk, for a power failure, before it goes on."""
+    other_processor: bool = False
+    """Whether a run may be gone on with elsewhere than where it was begun."""
     intruder: Intruder | None = None
     """Who may interfere."""
 
@@ -110,6 +114,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     _check(scenario, options)
+    _check_processor(manifest, path, options, console)
     with usable("run directory", path):
         directory = RunDirectory(path, resume=True)
     _say_where(directory, console)
@@ -127,6 +132,27 @@ def _begin(out: Path, run: str, console: Console) -> RunDirectory:
 
 def _say_where(directory: RunDirectory, console: Console) -> None:
     console.print(f"run directory: {directory.path}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _check_processor(manifest: dict[str, Any], path: Path, options: Options, console: Console) -> None:
+    """Hold this machine against the one on which a run was begun, or last gone on with."""
+    noted = computed_on(manifest)
+    before = {processors[-1] for client, processors in noted.items() if client != DATA_CENTER}  # which may have CUDA
+    if not before:
+        return
+    here = _arithmetic_here()
+    for other in before - {here}:
+        if not options.other_processor:
+            raise ConfigurationError(f"run {path}: {moved(other, here)}")
+        console.print(f"begun on {other}; going on on {here}", highlight=False, soft_wrap=True)
+
+
+def _arithmetic_here() -> str:
+    # In a process of its own: this one does not load PyTorch.
+    asked = subprocess.run(command_of("common.host"), capture_output=True, text=True, check=False)
+    if asked.returncode:
+        raise RunError(f"cannot tell what is computed on here: {asked.stderr.strip().splitlines()[-1:]}")
+    return asked.stdout.strip()
 
 
 def _check(scenario: Scenario, options: Options) -> None:
@@ -168,6 +194,7 @@ def _deploy(
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
         common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
         common += ["--durable"] if options.durable else []
+        common += ["--other-processor"] if options.other_processor else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
@@ -206,7 +233,7 @@ def record_deployment(
 
 
 def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
-    """What `manifest.json` holds."""
+    """What `manifest.json` holds; on what each process computes comes with its presence."""
     return {
         "schema": SCHEMA,
         "run": run,
@@ -216,7 +243,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
         },
-        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "host": machine(),
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
     }

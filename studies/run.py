@@ -13,7 +13,7 @@ from common.errors import ConfigurationError, StudyError, usable
 from common.scenario import Scenario, with_overrides
 from studies.catalogue import kind_of
 from studies.engine import FACTS, collected, run_jobs
-from studies.facts import read_facts, write_facts
+from studies.facts import processors_note, read_facts, write_facts
 from studies.jobs import Request
 from studies.kinds import Kind, write_outputs
 from studies.progress import Progress
@@ -71,7 +71,10 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
             f"stopped: {len(collected(where.results, plan.jobs))} facts are kept in {where.results}; "
             "the same command goes on with the jobs that are left"
         ) from None
-    written = make_tables(where.results) if read_facts(where.results / FACTS) else []
+    facts = read_facts(where.results / FACTS)
+    written = make_tables(where.results) if facts else []
+    if note := processors_note(facts):
+        console.print(note, highlight=False)
     if failed:
         told = "; ".join(f"{name} ({type(error).__name__}: {error})" for name, error in failed.items())
         raise StudyError(f"{len(failed)} of {len(plan.jobs)} jobs failed, run again to try them again: {told}")

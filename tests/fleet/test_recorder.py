@@ -14,7 +14,7 @@ from common.errors import RunError
 from common.meter import Meter
 from common.payloads import Acknowledgement, ModelHeader, Presence, decode_json, encode_json, encode_model
 from common.reports import MeterReport, Telemetry
-from common.runlog import RoundRow, RunDirectory
+from common.runlog import MANIFEST, RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
 from fleet.recorder import Recorder
 
@@ -361,3 +361,17 @@ def test_a_run_cut_short_is_summed_up_as_far_as_it_got(table: Table, status: Any
     ]
     # 40 gradients x 5.1 W x 0.4 s
     assert summary["arms"]["maml"]["energy_j"]["literal"]["fl_learning"] == pytest.approx(81.6)
+
+
+def test_the_manifest_says_what_each_process_computes_on_and_another_one_is_told(
+    table: Table, caplog: pytest.LogCaptureFixture
+) -> None:
+    (table.path / MANIFEST).write_text(json.dumps({"run": RUN}))
+    for agent, processor in ((1, "one"), (2, "one"), (1, "one"), (2, "other"), (0, "other")):
+        presence = Presence(agent=agent, processor=processor)
+        table.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
+        table.pump()
+    expected = {"agent-1": ["one"], "agent-2": ["one", "other"], "datacenter": ["other"]}
+    assert table.json(MANIFEST) == {"run": RUN, "host": {"computed_on": expected}}
+    told = "agent-2 computes on other, others on one: weights may be others than on one alone"
+    assert [record.getMessage() for record in caplog.records] == [told]
