@@ -62,6 +62,13 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self._filters = Filters(limits.subscriptions)
         self._away = Away(limits.offline_sessions, limits.offline_bytes, limits.all_offline_bytes)
 
+    async def chores(self) -> None:
+        """Wait for amqtt's own tasks (sessions that expire), which only a failure ends."""
+        tasks = (self._session_monitor_task, self._broadcast_task)
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+
     # Connections
 
     async def serve(self, connection: Connection) -> None:

@@ -3,7 +3,9 @@
 from common.suspects import CONNECTIONS, SOON_S, Suspects
 
 
-def connection(suspects: Suspects, *begun: int | str, acknowledged: tuple[int, ...] = (), after_s: float = 0.0) -> object:
+def connection(
+    suspects: Suspects, *begun: int | str, acknowledged: tuple[int, ...] = (), after_s: float = 0.0
+) -> object:
     """One connection that the broker closes, after all in `begun` was written whole at 0 s."""
     suspects.connecting()
     for key in begun:
