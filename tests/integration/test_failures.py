@@ -1,6 +1,7 @@
 """What goes wrong while a run is under way: interrupts, deaths, brokers that are not there."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -11,6 +12,8 @@ from typing import Any
 
 import psutil
 import pytest
+
+from tests.integration.conftest import SMALL, wait_until
 
 TOY = str(Path(__file__).parents[2] / "scenarios" / "toy.toml")
 LONG = ("federation.target_reward=1000", "federation.max_rounds=2000")
@@ -203,3 +206,16 @@ def test_a_data_center_without_an_arm_to_serve_says_so(start: Any) -> None:
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert "need no data center" in line
+
+
+def test_a_scenario_file_that_is_edited_or_gone_changes_nothing_in_a_run(start: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(Path(TOY).read_text())
+    options = ["--out", str(tmp_path), "--run-id", "r", "--no-figures", "--seed", "2"]
+    more = sets(*SMALL, "methods=['fl']")
+    # --set and --seed take the place of the environment: for the processes of the run too.
+    run = start.jouleswarm("run", str(file), *options, *more, JOULESWARM_SET="seed=3", JOULESWARM_TASK="2")
+    wait_until((tmp_path / "r" / "manifest.json").exists, "the manifest")
+    file.write_text("seed = 9")
+    assert run.ends() == 0, run.printed
+    assert json.loads((tmp_path / "r" / "manifest.json").read_text())["scenario"]["seed"] == 2
