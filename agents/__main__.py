@@ -49,8 +49,8 @@ def main(
 ) -> None:
     """Start one robot: it joins its cluster over the broker, learns its task with its neighbours, and ends.
 
-    Every process of a run takes the same scenario file and the same --set options. Robots may come in any
-    order; each waits for its neighbours and, if the scenario has the arm, for the data center.
+    Every process of a run takes the same scenario file and the same --set options; one that has others is refused.
+    Robots may come in any order; each waits for its neighbours and, if the scenario has the arm, for the data center.
 
     Example: python -m agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario scenarios/quick.toml
     """

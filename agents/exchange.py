@@ -78,6 +78,7 @@ class Exchange:
         self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
         self._others = Others(processor)
         self._reporter = Reporter(self._listener, run, rows)
+        self._agreement: Agreement | None = None
         self.report, self.announce = self._reporter.row, self._identity.announce
 
     @property
@@ -221,7 +222,8 @@ class Exchange:
 
     def leave(self) -> None:
         """Hand in rows and byte counters and disconnect."""
-        self._agreement.leave()
+        if self._agreement is not None:
+            self._agreement.leave()
         presence = topics.presence(self.run, self.here.task, self.here.agent)
         self._reporter.leave(self._subscriptions, presence)
 

@@ -20,6 +20,6 @@ def check_learning(scenario: Scenario, rows: Iterable[RoundRow]) -> None:
     arms = [(("fl", arm), f"arm {arm}") for arm in scenario.arm_names]
     if idle := [told for stage, told in (*meta, *arms) if stage not in computed]:
         raise RunError(
-            f"nobody computed a gradient in {', '.join(idle)}; expected some in each: the run is not complete, see what "
-            "its processes printed"
+            f"nobody computed a gradient in {', '.join(idle)}; expected some in each: the run is not complete, see "
+            "what its processes printed"
         )
