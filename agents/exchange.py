@@ -263,10 +263,9 @@ class Exchange:
             does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
             log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
-            self._datacenter_stage = max(self._datacenter_stage, presence.stage)
+            self._datacenter_stage = presence.stage
         elif presence.agent in self._stages:
-            # An older word may come again after a newer one, and who comes back from a state begins with 0.
-            self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
+            self._stages[presence.agent] = presence.stage
             self._absence.here(presence.agent)
 
     def _take_resend(self, message: Message) -> None:
