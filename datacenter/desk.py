@@ -67,6 +67,5 @@ class Desk:
                 log.warning("robot %d is gone; waiting for it to come back", presence.agent)
                 self._gone.setdefault(presence.agent, time.monotonic())
             elif presence.agent in self._stages:
-                # An older word may come again after a newer one, and who comes back from a state begins with 0.
-                self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
+                self._stages[presence.agent] = presence.stage
                 self._gone.pop(presence.agent, None)

@@ -325,7 +325,7 @@ def test_limits_that_cannot_be_read_are_none(played, payload):
 
 
 def test_a_message_beyond_mqtt_itself_is_an_error_with_topic_and_size(played):
-    bus = played(lambda accept: accept().accept())
+    bus = played(lambda accept: _answer_all(accept()))
     with pytest.raises(MessageTooLargeError, match=r"message of 268435456 bytes on a: .* at most 268435455"):
         bus.publish("a", bytes(268_435_455 - 4))
 
