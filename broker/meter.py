@@ -35,6 +35,7 @@ MAX_ROWS = 100_000
 # Beyond this the run goes of which nothing has been counted for longest, if that is QUIET_S or more.
 KEPT_ROWS = 50_000
 QUIET_S = 3600.0
+RUNS_MISSED = 1000
 
 
 class BrokerMeter:
@@ -51,6 +52,7 @@ class BrokerMeter:
         self.changes = 0
         self.refusals = Refusals()
         self._events: Counter[str] = Counter()
+        self._unmetered: Counter[str] = Counter()
         self._rows = Counters(folder)
         self._totals: dict[LinkKey, Cell] = {}
         self._moved: dict[str, tuple[int, float]] = {}  # run -> its messages, and when they were first as many
@@ -105,6 +107,10 @@ class BrokerMeter:
         with self._lock:
             return {key: (counts[0], counts[1], counts[2]) for key, counts in self._totals.items()}
 
+    def unmetered(self, run: str) -> int:
+        """Messages of a run that there was no room to count; of runs beyond RUNS_MISSED, together."""
+        return self._unmetered[run] + self._unmetered[FORGOTTEN]
+
     def age(self, now_s: float) -> None:
         """Forget the rows of runs that ended long ago, where there are many; the totals go on without their names."""
         messages: Counter[str] = Counter()
@@ -141,6 +147,7 @@ class BrokerMeter:
         if len(self._counters) >= 2 * MAX_ROWS:
             self._counters = {}  # found again as they are needed; each incarnation of a client had its own
         if len(self._rows) >= MAX_ROWS and (name, topic, direction) not in self._rows:
+            self._miss(run_of(topic))
             self.refused("unmetered", f"{MAX_ROWS} counters are kept, and all in use: a message was not counted")
             return ()
         with self._lock:
@@ -149,6 +156,10 @@ class BrokerMeter:
             counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
         self._counters[client_id, topic, direction] = counters
         return counters
+
+    def _miss(self, run: str) -> None:
+        known = run in self._unmetered or len(self._unmetered) < RUNS_MISSED
+        self._unmetered[run if known else FORGOTTEN] += 1
 
     def _forget(self, run: str) -> None:
         with self._lock:
