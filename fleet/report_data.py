@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -46,10 +47,10 @@ class Run:
     scenario: Scenario
     rows: list[RoundRow]
     meter_rows: list[MeterRow]
-    work_rows: list[WorkRow]
     progress: list[Progress]
     summary: dict[str, Any] | None
     cut: list[str]
+    work_rows: Sequence[WorkRow] = ()
 
     @property
     def name(self) -> str:

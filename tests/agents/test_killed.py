@@ -14,9 +14,10 @@ from agents.agent import run_agent
 from benchmarks.in_memory import run_in_memory
 from common import topics
 from common.bus import MemoryBus, MemoryHub
+from common.meter import Meter
 from common.payloads import Presence, decode_json, encode_json
 from common.process import use_one_thread
-from common.reports import Telemetry
+from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.scenario import Scenario, load_scenario
 from common.state import Keep
 from datacenter.server import run_datacenter
@@ -97,19 +98,24 @@ class Deployment:
     def _process(self, client: str, body: Callable[[MemoryBus, Keep], None], death: Death) -> None:
         use_one_thread()
         try:
-            bus = self.hub.connect(client)
+            bus = self._connect(client)
             if client == death.client:
                 mortal(bus, death)
             try:
                 body(bus, Keep(self.folder / client))
             except Killed:
                 self.died.append(client)
-                bus = self.hub.connect(client)
+                bus = self._connect(client)
                 self._will(client)
                 body(bus, Keep(self.folder / client))
         except BaseException as error:
             self.errors.append(error)
             raise
+
+    def _connect(self, client: str) -> MemoryBus:
+        bus = self.hub.connect(client)
+        bus.meter = Meter("client", self.folder / client)
+        return bus
 
     def _will(self, client: str) -> None:
         agent = int(client.removeprefix("agent-")) if client != "datacenter" else 0
@@ -183,3 +189,27 @@ def test_a_robot_that_is_killed_in_its_second_arm_does_not_do_the_first_again(tm
     assert deployment.run(Death(ROBOT, "weights", 5)) == undisturbed(overrides)  # 3 of fl and 2 of fedavg
     told = {row.topic: row.messages for row in deployment.hub.meter.rows() if row.client == "recorder"}
     assert told[topics.telemetry("r", "fl", ROBOT)] == 3
+
+
+@pytest.mark.parametrize(
+    ("method", "death", "done"),
+    [
+        # 3 rounds of 4 gradients and 6 motions, and the second's again: killed with its weights unsent
+        (FL, Death(ROBOT, "weights", 2), [("fl", 16, 0, 24)]),
+        # 2 rounds of 4 + 4 gradients, and the second's again: its row was not told
+        (FOMAML, Death(CENTER, "round", 2), [("maml", 12, 12, 0)]),
+        # 3 rounds of 6 motions, and of the second the first 3 again: the third was made and not sent
+        (CENTRALIZED, Death(ROBOT, "experience", 9), [("fl", 0, 0, 21)]),
+    ],
+)
+def test_what_is_done_again_is_counted_again(
+    method: str, death: Death, done: list[tuple[str, int, int, int]], tmp_path: Path
+) -> None:
+    deployment = Deployment(load_scenario(TOY, [*SMALL, method]), tmp_path)
+    ears = deployment.hub.connect("ears")
+    ears.subscribe(topics.meter_report("r", death.client))
+    deployment.run(death)
+    message = ears.receive(0)
+    assert message is not None
+    told = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES).work
+    assert [(row.phase, row.gradients, row.gradients_query, row.motions) for row in told] == done

@@ -7,7 +7,16 @@ import pytest
 from pydantic import ValidationError
 
 from common import topics
-from common.meter import Direction, Meter, MeterRow, packet_bytes, publish_packet_bytes, read_rows, received
+from common.meter import (
+    Direction,
+    Meter,
+    MeterRow,
+    packet_bytes,
+    publish_packet_bytes,
+    read_rows,
+    read_work,
+    received,
+)
 from common.topics import Link
 
 WEIGHTS = topics.weights("r", "maml", 2, 3)  # jouleswarm/r/maml/sl/2/3/weights
@@ -130,3 +139,19 @@ def test_a_row_survives_json() -> None:
 def test_a_row_with_unknown_fields_is_refused() -> None:
     with pytest.raises(ValidationError):
         MeterRow.model_validate({"side": "broker", "joules": 3})
+
+
+def test_work_is_counted_beside_the_bytes_and_outlives_the_process(tmp_path: Path) -> None:
+    first = Meter("client", tmp_path)
+    first.count("agent-1", WEIGHTS, "out", 10, 50)
+    first.tally("fl", "maml", 2).gradients(3)
+    first.tally("maml", "maml", 2).gradients(1, query=2)
+    second = Meter("client", tmp_path)  # of the process that was started again after a kill
+    second.tally("fl", "maml", 2).gradients()
+    second.tally("fl", "maml", 2).motion()
+    told = [(row.client, row.phase, row.arm, row.task, row.gradients, row.gradients_query, row.motions)
+            for row in second.work("agent-1")]  # fmt: skip
+    assert told == [("agent-1", "fl", "maml", 2, 4, 0, 1), ("agent-1", "maml", "maml", 2, 1, 2, 0)]
+    assert read_work("agent-1", tmp_path) == second.work("agent-1")
+    assert [row.topic for row in second.rows()] == [row.topic for row in read_rows("client", tmp_path)] == [WEIGHTS]
+    assert second.totals("out")["sidelink"] == 10

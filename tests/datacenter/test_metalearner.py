@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 
 from common.errors import RunError, TrainingError
+from common.meter import Meter
 from common.methods import META_METHODS, Method
 from common.scenario import Scenario
 from common.state import Array
@@ -39,6 +41,19 @@ def test_a_round_counts_the_batches_of_every_training_task(make_scenario: Make, 
     scenario = make_scenario()
     counted = one_round(MetaLearner(scenario, "maml"), make_experience(scenario, 1), 1)
     assert counted == {1: Gradients(support=2, query=3), 2: Gradients(support=2, query=3)}
+
+
+@pytest.mark.parametrize(("method", "done"), [("maml", (2, 3)), ("reptile", (5, 0)), ("multitask", (5, 0))])
+def test_each_gradient_is_booked_as_its_round_counts_it(
+    method: Method, done: tuple[int, int], make_scenario: Make, make_experience: Make
+) -> None:
+    meter = Meter("client")
+    scenario = make_scenario(methods=[method])
+    one_round(
+        MetaLearner(scenario, method, None, partial(meter.tally, "maml", method)), make_experience(scenario, 1), 1
+    )
+    told = [(row.task, row.gradients, row.gradients_query) for row in meter.work("datacenter")]
+    assert told == [(1, *done), (2, *done)]
 
 
 def test_the_first_step_is_adams_of_the_meta_learning_rate(make_scenario: Make, make_experience: Make) -> None:

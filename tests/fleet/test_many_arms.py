@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -134,14 +136,58 @@ def test_headline_tells_the_intensities_that_are_known(run: Run) -> None:
     assert any("unknown, not zero" in line for line in notes(run, energy))
 
 
+def elsewhere(run: Run, **changes: Any) -> Run:
+    """The same rows, as of a scenario with other settings."""
+    resolved = run.scenario.model_dump(mode="json")
+    for section, fields in changes.items():
+        resolved[section] = resolved[section] | fields if isinstance(fields, dict) else fields
+    return replace(run, scenario=scenario_from(resolved, RUN))
+
+
+PAPERS = {"meta": {"training_tasks": [1, 2, 6]}}  # its Q = 3 tasks; all else is the default
+
+
 def test_the_paper_says_something_of_its_own_methods_only(run: Run) -> None:
+    papers = elsewhere(run, **PAPERS)
     for arm in run.scenario.arms:
-        held = {column.label: column.joules["total"] for column in columns(run, arm.name, run.scenario.energy)}
+        held = {column.label: column.joules["total"] for column in columns(papers, arm.name, run.scenario.energy)}
         assert (held["paper"] is not None) == (arm.method in ("fl", "maml", "fomaml"))
         # its prices a round also hold for rounds that move and compute as much
         assert (held["published prices"] is not None) == (arm.method in ("fl", *META_METHODS))
         assert held["scenario sizes"] is not None
-    assert rows_of(totals_table(run, run.scenario.energy))["MAML, t0 = 2"][0] == "106 kJ (210)"
+    # 2 x 352.4 J + 42 x 246.3 J
+    assert rows_of(totals_table(papers, run.scenario.energy))["MAML, t0 = 2"][:2] == ["106 kJ (210)", "11.05 kJ"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"meta": {"training_tasks": [1, 2]}},
+        {"meta": {"training_tasks": [1, 2, 6], "robots_per_task": 2}},
+        {**PAPERS, "federation": {"robots_per_cluster": 3}},
+    ],
+)
+def test_published_prices_are_of_the_papers_deployment_only(run: Run, changes: dict[str, Any]) -> None:
+    other = elsewhere(run, **changes)
+    assert rows_of(totals_table(other, run.scenario.energy))["MAML, t0 = 2"][:2] == ["-", "not defined here"]
+    text = " ".join(notes(other, run.scenario.energy))
+    assert "Published prices are not defined here: they are the paper's deployment's, 3 training robots" in text
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"meta": {"training_tasks": [1, 2, 3]}},
+        {**PAPERS, "learning": {"batches_per_round": 10}},
+        {**PAPERS, "network": {"width": 48, "height": 36}},
+        {**PAPERS, "camera": {"width": 64, "height": 48}},
+        {**PAPERS, "energy": {"pk_w": 2.0}},
+    ],
+)
+def test_the_papers_own_totals_stand_beside_its_own_scenario_only(run: Run, changes: dict[str, Any]) -> None:
+    other = elsewhere(run, **changes)
+    first, published = rows_of(totals_table(other, other.scenario.energy))["MAML, t0 = 2"][:2]
+    assert (first, published) == ("-", "11.05 kJ")
 
 
 def test_isolated_robots_have_the_closed_form_of_their_own_rounds(run: Run) -> None:

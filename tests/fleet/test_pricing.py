@@ -6,6 +6,7 @@ import pytest
 
 from common.energy import Counts, StageCounts
 from common.meter import Meter
+from common.scenario import Scenario, scenario_from
 from common.topics import Link, weights
 from fleet.pricing import TaskResult, arm_counts, meta_rounds, task_counts, task_results
 from fleet.summary import summarise
@@ -116,8 +117,15 @@ def test_summary(facts) -> None:
     assert json.loads(json.dumps(summary)) == summary
 
 
+def three_tasks(scenario: Scenario) -> Scenario:
+    """With a third training robot, as the paper has."""
+    data = scenario.model_dump(mode="json")
+    data["tasks"].append({"id": 3, "map": "E . \n * . \n X ."})
+    return scenario_from({**data, "meta": {**data["meta"], "training_tasks": [1, 2, 3]}}, "three")
+
+
 def test_published_totals_have_no_parts(facts) -> None:
-    summary = summarise(facts.scenario, facts.rows, facts.meter_rows)
+    summary = summarise(three_tasks(facts.scenario), facts.rows, facts.meter_rows, [1, 2])
     published = {arm: summary["arms"][arm]["energy_j"]["published"] for arm in ("maml", "fl")}
     nothing = {"ml_learning": None, "ml_communication": None, "fl_learning": None, "fl_communication": None}
     # 3 x 352.4 J + 10 x 246.3 J, and 30 x 246.3 J
@@ -129,9 +137,14 @@ def test_published_totals_have_no_parts(facts) -> None:
 
 def test_published_is_null_at_other_efficiencies(facts) -> None:
     energy = facts.scenario.energy.model_copy(update={"sl_bit_per_j": 200e3})
-    scenario = facts.scenario.model_copy(update={"energy": energy})
+    scenario = three_tasks(facts.scenario).model_copy(update={"energy": energy})
     summary = summarise(scenario, facts.rows, facts.meter_rows)
     assert summary["arms"]["maml"]["energy_j"]["published"] is None
+
+
+def test_published_is_null_in_another_deployment(facts) -> None:
+    summary = summarise(facts.scenario, facts.rows, facts.meter_rows)  # two training robots
+    assert [summary["arms"][arm]["energy_j"]["published"] for arm in ("maml", "fl")] == [None, None]
 
 
 def test_unmetered_communication_is_unknown_and_not_free(facts) -> None:

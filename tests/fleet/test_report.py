@@ -138,8 +138,8 @@ def test_columns_side_by_side(complete) -> None:
     run = load_run(complete)
     held = columns(run, "maml", run.scenario.energy)
     found = {column.label: column.joules for column in held}
-    assert (found["paper"]["total"], held[0].about) == (106e3, "t0 = 210")
-    assert found["published prices"]["total"] == pytest.approx(3520.2)  # 3 x 352.4 + 10 x 246.3 J
+    # of the paper's own scenario and deployment only: see test_many_arms.py
+    assert (found["paper"]["total"], found["published prices"]["total"]) == (None, None)
     # 3 rounds x 2 robots x (20 x 1.67 x 11.8 J + 984 J) + 4 x 224 J + 10 rounds x 260.8 J
     assert found["Table I sizes"]["total"] == pytest.approx(6 * (394.12 + 984) + 896 + 2608)
     assert found["measured payload"]["total"] == pytest.approx(3187.92)
@@ -214,13 +214,77 @@ def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     ]
 
 
-def test_verdict_says_whether_meta_learning_pays(complete) -> None:
-    run = load_run(complete)
+@pytest.fixture
+def learned(write_run, facts) -> Path:
+    """As the made-up run, but task 2 was learned without transfer too, in its last round."""
+    facts.rows[:] = [row if row.learned is None else row.model_copy(update={"learned": True}) for row in facts.rows]
+    return write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
+
+
+def test_verdict_says_whether_meta_learning_pays(learned) -> None:
+    run = load_run(learned)
     (line,) = verdicts(run, run.scenario.energy)
-    assert line.startswith("MAML, t0 = 3 against FL, no transfer: ")
-    assert "pays 2.14x (paper), " in line  # 227 / 106 kJ
-    assert "2.10x (published prices); does not pay " in line  # 7389 / 3520.2 J
+    assert line.startswith("MAML, t0 = 3 against FL, no transfer: does not pay ")
     assert "0.77x (measured payload)" in line  # 2452.8 / 3187.92 J
+    assert "(paper)" not in line
+    assert "(published prices)" not in line
+
+
+def test_no_verdict_on_what_was_not_learned(complete) -> None:
+    run = load_run(complete)  # task 2 was not learned without transfer
+    assert verdicts(run, run.scenario.energy) == []
+    assert "there is no verdict on these arms" in printed(complete)
+
+
+@pytest.mark.parametrize("status", ["interrupted", "failed", None])
+def test_no_verdict_on_a_run_that_is_not_complete(learned, status: str | None) -> None:
+    if status is None:
+        (learned / SUMMARY).unlink()
+    else:
+        summary = json.loads((learned / SUMMARY).read_text())
+        (learned / SUMMARY).write_text(json.dumps({**summary, "status": status}))
+    run = load_run(learned)
+    assert verdicts(run, run.scenario.energy) == []
+
+
+def spoilt(path: Path) -> None:
+    """One delivery of weights less in the broker's counters than robot 2 has received."""
+    rows = [json.loads(line) for line in (path / METER).read_text().splitlines()]
+    for row in rows:
+        if (row["side"], row["client"], row["direction"]) == ("broker", "agent-2", "out") and "/fl/sl/" in row["topic"]:
+            row["messages"] -= 1
+            row["payload_bytes"] -= 5000
+    (path / METER).write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+def test_counters_that_do_not_fit_are_said_first_and_are_an_error(learned) -> None:
+    assert printed(learned).startswith("made-up: complete")
+    spoilt(learned)
+    console = Console(file=io.StringIO(), width=500)
+    with pytest.raises(RunError, match="run: The counters of broker and clients do not fit for 1 client and topic"):
+        report(learned, html=True, console=console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert text.startswith("The counters of broker and clients do not fit for 1 client and topic pairs, first agent-2")
+    assert "is not to be trusted" in text
+    assert "against FL" not in text  # no verdict either
+    page = (learned / "report.html").read_text(encoding="utf-8")
+    assert page.index("do not fit") < page.index("<h1>")
+
+
+def test_counters_of_a_run_cut_short_are_not_final(learned) -> None:
+    spoilt(learned)
+    summary = json.loads((learned / SUMMARY).read_text())
+    (learned / SUMMARY).write_text(json.dumps({**summary, "status": "interrupted", "counters": "the broker's"}))
+    text = printed(learned)
+    assert text.startswith("made-up: interrupted")
+    assert "do not fit" in text
+
+
+def test_the_report_says_whose_counters_feed_the_bill(write_run, facts) -> None:
+    summary = summarise(
+        facts.scenario, facts.rows, facts.meter_rows, source="the broker's counters, from the beginning"
+    )
+    assert "Metered by the broker's counters, from the beginning." in printed(write_run(summary))
 
 
 def test_no_verdict_on_one_arm(write_run, facts) -> None:
@@ -233,7 +297,7 @@ def test_notes_tell_what_is_missing(complete, facts) -> None:
     run = load_run(complete)
     text = " ".join(notes(run, run.scenario.energy))
     assert "Not learned: task 2 by FL, no transfer." in text
-    assert "Published prices: 352.4 J" in text
+    assert "Published prices are not defined here" in text
     text = " ".join(notes(run, Energy(sl_bit_per_j=200e3, dl_bit_per_j=1e5)))
     assert "(200, 500) kb/J only" in text
     assert "E_DL is not given" not in text

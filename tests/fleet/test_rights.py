@@ -74,6 +74,7 @@ def who(access: str, topic: str) -> set[str]:
             {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter", "recorder"},
             {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter"},
         ),
+        (topics.acknowledgement(RUN, "recorder"), set(), {"recorder"}),
         (topics.BROKER_METER, set(), {"recorder"}),
         (topics.broker_answer("+"), set(), {"recorder"}),
         (topics.BROKER_LIMITS, set(), {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter", "recorder"}),
