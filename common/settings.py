@@ -120,6 +120,13 @@ class Federation(Section):
     missing_after_s: PositiveFloat = Field(
         30.0, description="with on_missing proceed: a neighbour that is not heard of for this long is left out"
     )
+    give_up_after_s: float = Field(
+        600.0,
+        ge=0,
+        allow_inf_nan=False,
+        description="a wait ends the run, by name, when who is waited for has not answered for so long or has itself "
+        "waited so long for nothing; 0: never. Longer than the longest round takes on the slowest machine",
+    )
     max_rounds: Positive = 200
     target_reward: float = 50.0
     reward_window: Positive = Field(5, description="R is the mean over this many rounds")
