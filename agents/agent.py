@@ -47,13 +47,11 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
     if memory.is_done:
         log.warning("robot %d of run %s: %s", agent, run, memory.done_line)
         exchange.announce(0)
-        exchange.announce(done)
     else:
         live(robot)
         memory.finish()
-        exchange.announce(done)
         exchange.see_off(done)
-    exchange.hand_over(stay=not keep.at_the_end and keep.folder is not None)
+    exchange.hand_over(done, stay=not keep.at_the_end and keep.folder is not None)
     memory.clear()
     exchange.leave()
 

@@ -240,16 +240,17 @@ class Exchange:
         One that is killed before it knows comes back, and must find this robot.
         """
         if not self._reporter.has_recorder:
+            self.announce(done)
             self.await_stage(done)
 
-    def hand_over(self, *, stay: bool) -> None:
-        """Hand in rows and byte counters; `stay`: until the whole run is recorded."""
-        self._reporter.hand_over(self._subscriptions, stay=stay)
+    def hand_over(self, done: int, *, stay: bool) -> None:
+        """Hand in rows and byte counters, being at stage `done`; `stay`: until the whole run is recorded."""
+        word = Presence(agent=self.here.agent, stage=done, state="done")
+        self._reporter.hand_over(self._subscriptions, self._identity.presence, word, stay=stay)
 
     def leave(self) -> None:
-        """Disconnect, done."""
-        last_word = Presence(agent=self.here.agent, stage=self._stage, state="done")
-        self._reporter.leave(topics.presence(self.run, self.here.task, self.here.agent), last_word)
+        """Disconnect."""
+        self._reporter.leave(self._identity.presence)
 
     def state(self) -> State:
         """The open arm's, at the end of a round: what neighbours may still ask for, and what the codec builds on."""

@@ -22,12 +22,12 @@ class Identity:
 
     def __init__(self, listener: Listener, run: str, task: int, agent: int, keepalive_s: float) -> None:
         self._listener, self._bus, self._agent = listener, listener.bus, agent
-        self._topic, self._presence = topics.claim(run, task, agent), topics.presence(run, task, agent)
+        self._topic, self.presence = topics.claim(run, task, agent), topics.presence(run, task, agent)
         self._who, self._patience_s = secrets.token_hex(8), 2 * keepalive_s
         self._holds = self._echoed = self._contested = self._somebody = False
         self.stage: int | None = None
         """Announced last; None before."""
-        self.filters = [self._presence, self._topic]
+        self.filters = [self.presence, self._topic]
 
     def claim(self) -> None:
         """Become the robot. Waits for one that seems to be there and does not answer.
@@ -61,7 +61,7 @@ class Identity:
     def announce(self, stage: int) -> None:
         """Tell everybody how far this process has come."""
         self.stage = stage
-        self._bus.publish(self._presence, encode_json(Presence(agent=self._agent, stage=stage)), retain=True)
+        self._bus.publish(self.presence, encode_json(Presence(agent=self._agent, stage=stage)), retain=True)
 
     def heard(self, presence: Presence) -> None:
         """What the bus says of this process itself: the last will of a lost connection is set right."""

@@ -90,13 +90,16 @@ class Reporter:
             write_whole(self._file.parent / name, payload, durable=False)
         self._deliver(topic, payload)
 
-    def hand_over(self, filters: Sequence[str], *, stay: bool) -> None:
+    def hand_over(self, filters: Sequence[str], presence: str, done: Presence, *, stay: bool) -> None:
         """Hear nothing more, then hand in rows and byte counters, final from there on.
 
-        `stay`: until the recorder has the whole run, and once more to a recorder that comes anew.
+        `done`: what stays at `presence`, while there is a recorder, for those who come back; who is to `stay` until it
+        has the whole run, and to hand in again to one that comes anew, is still here.
         """
         if filters:
             self._bus.unsubscribe(*filters)
+        word = done.model_copy(update={"state": "here"}) if stay else done
+        self._bus.publish(presence, encode_json(word) if self.has_recorder else b"", retain=True)
         self._bus.flush()
         # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
         self._hand_in()
@@ -105,10 +108,10 @@ class Reporter:
             if not self._is_over:
                 self._hand_in()
 
-    def leave(self, presence: str, last_word: Presence) -> None:
-        """Disconnect. Where others may still come back, `last_word` stays in place of the presence."""
-        stays = self.has_recorder and not self._is_over
-        self._bus.publish(presence, encode_json(last_word) if stays else b"", retain=True)
+    def leave(self, presence: str) -> None:
+        """Disconnect; when the whole run is recorded there is no more to say."""
+        if self._is_over:
+            self._bus.publish(presence, b"", retain=True)
         self._bus.close()
 
     def _hand_in(self) -> None:

@@ -58,11 +58,11 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
             work = meta_train if method in META_METHODS else serve
             work(scenario, method, run, listener, identity, reporter, checkpoint)
     done = Presence(agent=0, stage=2 * len(scenario.arms) + 1, state="done")
-    identity.announce(done.stage)
-    reporter.hand_over(identity.filters, stay=not keep.at_the_end and state is not None)
+    stay = not keep.at_the_end and state is not None
+    reporter.hand_over(identity.filters, identity.presence, done, stay=stay)
     if not keep.at_the_end:
         _forget(state, checkpoints)
-    reporter.leave(topics.presence(run, 0, 0), done)
+    reporter.leave(identity.presence)
 
 
 def hear_presence(message: Message, listener: Listener, identity: Identity) -> None:

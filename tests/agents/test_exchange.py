@@ -409,6 +409,7 @@ def test_a_robot_that_leaves_hears_no_more_and_hands_in_its_counters() -> None:
     table = Table()
     ears = table.listen(topics.meter_report(RUN, "agent-1"), topics.learned(RUN, ARM, TASK))
     table.exchange.hand_in(b"weights")
+    table.exchange.hand_over(3, stay=False)
     table.exchange.leave()
     assert heard(ears) == Message(topics.learned(RUN, ARM, TASK), b"weights")
     assert heard(ears).topic == topics.meter_report(RUN, "agent-1")

@@ -16,6 +16,7 @@ from common.runlog import RoundRow
 
 DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
 WEIGHTS, HERE = topics.weights("r", "maml", 1, 4), topics.presence("r", 1, 3)
+DONE = Presence(agent=3, stage=3, state="done")
 LEARNED = topics.learned("r", "maml", 1)
 
 
@@ -42,7 +43,8 @@ class Table:
 
     def report(self) -> MeterReport:
         self.recorder.subscribe(topics.meter_report("r", "+"))
-        self.reporter.leave([WEIGHTS], HERE)
+        self.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False)
+        self.reporter.leave(HERE)
         return decode_json(heard(self.recorder), MeterReport)
 
 
