@@ -12,7 +12,7 @@ from typing import Any
 from common.learner import Weights
 from common.meter import Meter
 from common.reports import HANDED_IN
-from common.scenario import Scenario
+from common.scenario import CHANGES_NOTHING, Scenario
 from common.state import STATE_FILE, Keep, State, StateFile, Stateful
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
@@ -29,7 +29,7 @@ class Memory:
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
         folder = keep.folder
         self._folder, self._keep, self._meter = folder, keep, meter
-        settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
+        settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
         owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
         self._file = None
         if folder is not None:

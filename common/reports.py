@@ -62,6 +62,7 @@ class Reporter:
         self._listener, self._bus, self._run, self._file = listener, listener.bus, run, rows
         self._lines: list[bytes] = []  # where there is no file
         if rows is not None:
+            rows.parent.mkdir(parents=True, exist_ok=True)
             whole_lines(rows)
         self._acknowledged: set[str] = set()
         self._recorded = False  # by one that is there
