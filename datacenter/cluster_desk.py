@@ -64,9 +64,6 @@ class ClusterDesk(Desk, Generic[T]):
         self._arrived: dict[tuple[int, int, int], dict[int, T]] = {}  # (task, round, robot) -> place -> content
         self._answers: dict[int, tuple[int, bytes]] = {}
         self._asked_on = self._bus.connections
-        if listener.patience is not None:
-            listener.patience.place = lambda client: (done - 1, self._done_rounds(client))
-            listener.patience.told = self._take_answer
         up = topics.weights_up if self._word == "weights" else topics.experience
         self.subscriptions += [
             *(up(run, arm, task, agent) for task, cluster in scenario.clusters.items() for agent in cluster),
@@ -158,7 +155,10 @@ class ClusterDesk(Desk, Generic[T]):
         robots = {f"agent-{agent}": task for task in self._rounds for agent in self._scenario.cluster(task)}
         return self._rounds[robots[client]] - 1 if client in robots else 0
 
-    def _take_answer(self, wait: Wait) -> None:
+    def place(self, client: str) -> tuple[int, int]:
+        return self._done - 1, self._done_rounds(client)
+
+    def told(self, wait: Wait) -> None:
         # A robot gets no further than a round without this data center.
         if wait.stage == self._done - 1 and wait.round > self._done_rounds(wait.client) + 2:
             there = f"in round {wait.round} of {self._arm}"

@@ -10,7 +10,7 @@ from common import topics
 from common.bus import Message
 from common.errors import PayloadError, RunError
 from common.listener import Listener
-from common.payloads import Presence, decode_json
+from common.payloads import Presence, Wait, decode_json
 from common.scenario import Scenario
 
 log = logging.getLogger("jouleswarm.datacenter")
@@ -38,11 +38,24 @@ class Desk:
     def listen(self) -> None:
         """Begin to hear."""
         self._listener.otherwise = self.take
+        if self._listener.patience is not None:
+            self._listener.patience.place, self._listener.patience.told = self.place, self.told
         self._bus.subscribe(*self.subscriptions, qos=self._scenario.bus.qos)
 
     def behind(self, stage: int) -> list[int]:
         """Robots that have not come as far as `stage`, but those that are left out."""
         return [each for each, reached in self._stages.items() if reached < stage and not self.is_left_out(each)]
+
+    def place(self, client: str) -> tuple[int, int]:
+        """Stage and round that the data center has come to, for who asks (see common/patience.py)."""
+        return 0, 0
+
+    def told(self, wait: Wait) -> None:
+        """The answer of a robot that is waited for.
+
+        Raises:
+            RunError: it is further than it can be with this data center.
+        """
 
     def left_behind(self, who: str, there: str, here: str) -> RunError:
         """A robot is further than it can be with this data center."""

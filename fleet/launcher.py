@@ -124,7 +124,7 @@ class Launcher:
         if self._broker is not None and self._broker.poll() is not None:
             ended["broker"] = self._broker.returncode
         for name, code in ended.items():
-            number = _signal_of(name, code)
+            number = signal_of(name, code)
             if number is None:
                 raise RunError(f"{name} ended with code {code}: {self._tail(name)}")
             if self._restarted[name] >= self._restarts:
@@ -168,7 +168,7 @@ class Launcher:
         return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
 
 
-def _signal_of(name: str, code: int) -> signal.Signals | None:
+def signal_of(name: str, code: int) -> signal.Signals | None:
     """The signal that ended a process: at once, or told by its exit code (see common/process.py)."""
     if name == "broker" and code == 0:  # it ends in good order, and only when it is told to
         return signal.SIGTERM

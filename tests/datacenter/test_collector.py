@@ -10,6 +10,7 @@ import pytest
 
 from common import topics
 from common.bus import MemoryBus, MemoryHub
+from common.errors import RunError
 from common.listener import Listener
 from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, encode_json, encode_motion
 from common.scenario import Scenario
@@ -220,3 +221,10 @@ def test_a_robot_that_died_does_not_count_as_having_the_model(table: Table) -> N
     assert table.collector.robots_that_missed_a_model() == [(ARM, 1)]  # it goes on waiting, for requests too
     table.present(3, 6, 1)
     assert table.collector.robots_that_missed_a_model() is None
+
+
+def test_a_robot_that_is_past_meta_learning_has_been_here_with_this_data_center(table: Table) -> None:
+    table.present(1, 1, 1)
+    table.present(2, 3, 0)
+    with pytest.raises(RunError, match="robot 1 is past meta-learning already, and the data center comes with round 1"):
+        table.collector.collect(1)
