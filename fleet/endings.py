@@ -15,16 +15,22 @@ _CAUSES = {
 }
 
 
-def signal_of(code: int) -> signal.Signals | None:
-    """The signal that an exit code tells of: -15 where it ended the process, 143 where the process took it and left."""
+def signal_of(code: int, *, is_broker: bool = False) -> signal.Signals | None:
+    """The signal that an exit code tells of: -15 where it ended the process, 143 where the process took it and left.
+
+    A broker ends in good order, with 0, and only when it is told to.
+    """
+    if is_broker and code == 0:
+        return signal.SIGTERM
     number = -code if code < 0 else code - 128
     return signal.Signals(number) if number in signal.valid_signals() and number > 0 else None
 
 
-def ending(name: str, code: int, log: Path) -> str:
+def ending(name: str, code: int, log: Path, restarted: int = 0) -> str:
     """That `name` has ended, with its last words from its log, or the cause where it had none."""
-    sent = signal_of(code)
+    sent = signal_of(code, is_broker=name == "broker")
     told = f"{name} ended with code {code}" + ("" if sent is None else f" ({sent.name})")
+    told += f", after it was started again {restarted} times" if restarted else ""
     return f"{told}: {_last_words(log, sent)}"
 
 

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from common.errors import RunError
-from fleet.endings import ending
+from fleet.endings import ending, signal_of
 from fleet.fork_server import Order
 from fleet.forked import Forked, ForkServer
 from fleet.packages import command_of
@@ -114,7 +114,7 @@ class Launcher:
         self._commands[name] = module, arguments
 
     def check(self) -> None:
-        """Notice a process that died: start it again if a signal ended it.
+        """Notice a process that died: start it again if a signal ended it, also one that it ended itself by.
 
         Raises:
             RunError: one ended with an error, or too often; the message holds the end of what it printed.
@@ -124,12 +124,13 @@ class Launcher:
         if self._broker is not None and self._broker.poll() is not None:
             ended["broker"] = self._broker.returncode
         for name, code in ended.items():
-            if code < 0 and self._restarted[name] >= self._restarts and self._may_miss(name):
-                self._miss(name, code)
-            elif code >= 0 or self._restarted[name] >= self._restarts:
-                raise RunError(ending(name, code, self._log(name)))
+            number = signal_of(code, is_broker=name == "broker")
+            if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):
+                raise RunError(ending(name, code, self._log(name), self._restarted[name]))
+            if self._restarted[name] >= self._restarts:
+                self._miss(name, number)
             elif time.monotonic() >= self._held.get(name, 0.0):
-                self._restart(name, code)
+                self._restart(name, number)
 
     def _check_fork_server(self) -> None:
         """If it is gone, so are all its processes: they are started again as if each had been killed."""
@@ -145,18 +146,18 @@ class Launcher:
             self._server.close()
             self._server = None
 
-    def _miss(self, name: str, code: int) -> None:
+    def _miss(self, name: str, number: signal.Signals) -> None:
         if name not in self._missed:
             self._missed.add(name)
-            self._told(f"{name} was ended by {signal.Signals(-code).name}; the others go on without it")
+            self._told(f"{name} was ended by {number.name}; the others go on without it")
 
     def hold(self, name: str, seconds: float) -> None:
         """Do not start a process again before so many seconds are over."""
         self._held[name] = time.monotonic() + seconds
 
-    def _restart(self, name: str, code: int) -> None:
+    def _restart(self, name: str, number: signal.Signals) -> None:
         self._restarted[name] += 1
-        self._told(f"{name} was ended by {signal.Signals(-code).name}; starting it again")
+        self._told(f"{name} was ended by {number.name}; starting it again")
         if name == "broker":
             self._run_broker(self._broker_command)
         else:

@@ -35,6 +35,7 @@ from fleet.packages import command_of
 from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.report_data import other_version, read_manifest
+from fleet.resume import check_states
 from fleet.stopping import telling_what_is_kept
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -100,7 +101,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
-        ConfigurationError: it is complete, or not the directory of such a run.
+        ConfigurationError: it is complete, not the directory of such a run, or lacks the state of a process.
     """
     held = path / MANIFEST
     if not held.exists():
@@ -114,6 +115,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     _check(scenario, options)
+    check_states(path)  # before anything is written
     _check_processor(manifest, path, options, console)
     with usable("run directory", path):
         directory = RunDirectory(path, resume=True)

@@ -155,6 +155,8 @@ CASES = [
     (FL, TOPK, Death(ROBOT, "round", 2, sent=True)),  # told, and done again
     (FL, TOPK, Death(ROBOT, "learned", 1, sent=True)),
     (FL, FLOAT32, Death(ROBOT, "presence", 1)),  # before anybody knew of it
+    (FL, FLOAT32, Death(ROBOT, "presence", 3, sent=True)),  # its neighbour need not wait for it, nor it for that one
+    (FL, FLOAT32, Death(ROBOT, "presence", 4, sent=True)),  # done, and back
     (FEDAVG, FLOAT32, Death(ROBOT, "weights", 2)),
     (FEDAVG, TOPK, Death(ROBOT, "weights", 2, sent=True)),
     (FEDAVG, TOPK, Death(ROBOT, "weights", 3)),
