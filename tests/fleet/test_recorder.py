@@ -1,6 +1,7 @@
 """The recorder: from what is said on the bus to the run directory, over the in-memory bus."""
 
 import json
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
