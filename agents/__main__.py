@@ -58,6 +58,7 @@ def main(
         from common import topics
         from common.errors import ConfigurationError
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
@@ -71,6 +72,8 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
+        if state is not None:
+            Lock(state, f"robot {id}")  # until the process ends
         use_one_thread()
         keep_freed_memory()
         name = topics.run_name(run or settings.name)

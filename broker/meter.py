@@ -50,8 +50,7 @@ class BrokerMeter:
         for (client, topic, direction), counts in self._rows.items():
             if direction != "acked":
                 total = self._total(client, topic, direction)  # type: ignore[arg-type]  # it was written as one
-                for place, count in enumerate(counts):
-                    total[place] += count
+                total.add(counts[1], counts[2], counts[0])
 
     def received(self, client_id: str, topic: str, payload_bytes: int, remaining_length: int) -> None:
         """Book a PUBLISH from a client."""
@@ -86,7 +85,7 @@ class BrokerMeter:
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""
         with self._lock:
-            return {key: (counts[0], counts[1], counts[2]) for key, counts in self._totals.items()}
+            return {key: total.counts for key, total in self._totals.items()}
 
     def event_counts(self) -> dict[str, int]:
         """Refusals and the like since the start."""
@@ -97,10 +96,8 @@ class BrokerMeter:
         counters = self._counters.get(what)
         if counters is None:
             counters = self._new_counters(*what)
-        for counts in counters:
-            counts[0] += 1
-            counts[1] += payload_bytes
-            counts[2] += packet_size
+        for cell in counters:
+            cell.add(payload_bytes, packet_size)
         self.changes += len(counters)
 
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
@@ -122,7 +119,7 @@ class BrokerMeter:
     def _total(self, client: str, topic: str, direction: Direction) -> Cell:
         link = link_of(topic)
         assert link is not None  # nothing else is ever counted
-        return self._totals.setdefault(LinkKey(run_of(topic), arm_of(topic), link, direction, client), [0, 0, 0])
+        return self._totals.setdefault(LinkKey(run_of(topic), arm_of(topic), link, direction, client), Cell())
 
 
 def by_link(totals: Iterable[tuple[LinkKey, tuple[int, int, int]]]) -> dict[Link, dict[str, dict[str, int]]]:

@@ -25,6 +25,7 @@ from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from broker.tls import TlsFiles
 from common.errors import ConfigurationError
+from common.lock import Lock
 from common.memory import keep_freed_memory
 
 logger = logging.getLogger("broker")
@@ -61,13 +62,17 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
     """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin. Without a guard everybody is let in.
 
     Raises:
-        ConfigurationError: an address is in use or cannot be listened on, or a file cannot be used for TLS.
+        ConfigurationError: an address is in use or cannot be listened on, a file cannot be used for TLS, or another
+            process holds the state folder.
+        RunError: the counters in that folder are not as they were written, or there is no space for more.
     """
     context = settings.tls.context() if settings.tls is not None else None
     keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
-    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
     async with AsyncExitStack() as stack:
+        if settings.state is not None:
+            stack.enter_context(Lock(settings.state, "broker"))
+        broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
         if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))

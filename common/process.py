@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from types import FrameType
 
+from common.disk import full_disk_is_told
 from common.errors import JouleSwarmError
 
 STOPPED = 130
@@ -30,9 +31,11 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
     signal.signal(signal.SIGTERM, _stop)
     signal.signal(signal.SIGINT, _stop)
     try:
-        yield
+        with full_disk_is_told():
+            yield
     except JouleSwarmError as error:
-        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        with contextlib.suppress(OSError):  # where it is printed to may be on a full disk
+            print(f"{name}: {error}", file=sys.stderr, flush=True)
         raise SystemExit(error.exit_code) from error
 
 

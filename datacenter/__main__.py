@@ -51,16 +51,21 @@ def main(
         from common import topics
         from common.errors import ConfigurationError
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
         from common.state import Keep
+        from common.verify import check_states
         from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
+        if state is not None:
+            Lock(state, "data center")  # until the process ends
+            check_states(state)
         use_one_thread()
         keep_freed_memory()
         name = topics.run_name(run or settings.name)

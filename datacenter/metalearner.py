@@ -63,13 +63,7 @@ class MetaLearner:
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()} for task in tasks
         }
-        network = scenario.network
-        self._replays = {
-            task: Replay(
-                self._settings.replay_size, network.height, network.width, folder and folder / f"frames-{task}.bin"
-            )
-            for task in tasks
-        }
+        self._replays = {task: self._replay(task, folder) for task in tasks}
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
@@ -133,6 +127,12 @@ class MetaLearner:
             }
         for task, held in self._replays.items():
             held.load_state(state.part(f"replay-{task}"))
+
+    def _replay(self, task: int, folder: Path | None) -> Replay:
+        network, learning = self._scenario.network, self._scenario.learning
+        spare = 2 * learning.motions_per_round * len(self._scenario.training_agents[task])
+        frames = folder and folder / f"frames-{task}.bin"
+        return Replay(self._settings.replay_size, network.height, network.width, frames, spare)
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from common.disk import full_disk_is_told
 from common.errors import JouleSwarmError
 from common.options import BrokerOption, KeysOption, SetOption
 from fleet.keys_cli import keys as keys_app
@@ -214,7 +215,8 @@ def main() -> None:
     # A container or a service manager stops a run as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        app(prog_name="jouleswarm")
+        with full_disk_is_told():
+            app(prog_name="jouleswarm")
     except JouleSwarmError as error:
         print(f"jouleswarm {shlex.join(sys.argv[1:2])}: {error}", file=sys.stderr)
         raise SystemExit(error.exit_code) from error

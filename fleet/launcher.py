@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from common.disk import is_full
 from common.errors import RunError
 
 # Loaded once in the fork server; every process then shares the memory of these.
@@ -159,6 +160,8 @@ class Launcher:
 
     def _tail(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
+        if not lines and is_full(self._logs):
+            return f"no space left on {self._logs}, so that it could print nothing; make room, then go on with --resume"
         return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
 
 

@@ -20,13 +20,17 @@ from typing import Any, Literal, Protocol
 from rich.console import Console
 
 from common import topics
-from common.errors import ConfigurationError, JouleSwarmError
+from common.counters import KEYS
+from common.errors import ConfigurationError, JouleSwarmError, RunError
 from common.keys import Credentials, credentials_of
+from common.lock import Lock, await_free
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
 from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
+from common.state import STATE_FILE
+from common.verify import check_states
 from fleet.launcher import Launcher
 from fleet.recorder import CLIENT, Recorder
 from fleet.summary import SCHEMA
@@ -36,6 +40,7 @@ from fleet.view import View
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
 RESTARTS = 20
+_WAIT_FOR_CHILDREN_S = 10.0
 
 
 class Intruder(Protocol):
@@ -83,26 +88,51 @@ def run_deployment(
     `scenario_options` are the command-line options that make every process load this same scenario.
     """
     _check(scenario, options)  # before anything is written
-    directory = RunDirectory(out / topics.run_name(run))
-    _deploy(scenario, scenario_options, run, directory, console, options)
-    return directory.path
+    path = out / topics.run_name(run)
+    with Lock(path, "jouleswarm run"):
+        directory = RunDirectory(path, state=path / STATE / CLIENT)
+        _deploy(scenario, scenario_options, run, directory, console, options)
+    return path
 
 
 def resume_deployment(path: Path, console: Console, options: Options = Options()) -> Path:
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
-        ConfigurationError: it is complete, or not the directory of such a run.
+        ConfigurationError: it is complete, not the directory of such a run, or somebody is at work on it.
+        RunError: something of it is not as it was written; nothing has been started.
     """
     held = path / MANIFEST
-    scenario = load_scenario(held)
-    if not (path / STATE).is_dir():
+    if held.exists() and not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
-    _check(scenario, options)
-    name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
-    directory = RunDirectory(path, resume=True)
-    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
+    if not held.exists():
+        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
+    with Lock(path, "jouleswarm run --resume"):
+        for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
+            await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
+        check_states(path / STATE)
+        directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
+        scenario = load_scenario(held)
+        _check(scenario, options)
+        described = json.loads(held.read_text(encoding="utf-8"))
+        _check_is_there(directory, described)
+        _deploy(scenario, ["--scenario", str(held.resolve())], str(described["run"]), directory, console, options)
     return path
+
+
+def _check_is_there(directory: RunDirectory, described: dict[str, Any]) -> None:
+    """Whether everybody who has told rows of learning still has what it goes on from.
+
+    Raises:
+        RunError: somebody has not; it would begin anew, and the others would wait for it.
+    """
+    robots = {row.agent for row in directory.rows if row.phase == "fl" and row.agent}
+    needed = {f"agent-{robot}": f"{STATE_FILE}.0" for robot in robots}
+    if needed and described["broker"]["embedded"]:
+        needed |= {"broker": KEYS}
+    for name, file in sorted(needed.items()):
+        if not (path := directory.path / STATE / name / file).exists():
+            raise RunError(f"{path}: gone, though {name} has been at work; the run cannot be gone on with: begin anew")
 
 
 def _check(scenario: Scenario, options: Options) -> None:
@@ -163,12 +193,16 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
-    directory = RunDirectory(out / topics.run_name(run))
-    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
+    path = out / topics.run_name(run)
+    with ExitStack() as stack:
+        stack.enter_context(Lock(path, "jouleswarm record"))
+        directory = RunDirectory(path)
+        recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)
+        recorder = stack.enter_context(recording)
         if ready_file is not None:
             ready_file.touch()
         _watch(scenario, recorder, console, None)
-    return directory.path
+    return path
 
 
 def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
