@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import sys
@@ -171,7 +172,8 @@ def main(
 
         asyncio.run(run(settings, ready, guard))
     except JouleSwarmError as error:
-        typer.echo(f"broker: {error}", err=True)
+        with contextlib.suppress(OSError):  # stderr may be a file on a full disk
+            typer.echo(f"broker: {error}", err=True)
         sys.exit(error.exit_code)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from common.counters import Cell, Counters
+from common.errors import RunError
 from common.meter import Direction, MeterRow, packet_bytes, rows_of
 from common.mqtt_client import name_of
 from common.topics import Link, arm_of, link_of, run_of
@@ -40,6 +41,8 @@ class BrokerMeter:
         """`folder`: where the rows of a broker that was killed are gone on from."""
         self.enabled = enabled
         self.changes = 0
+        self.on_failure: Callable[[RunError], None] = lambda error: None
+        """Called when there is no space to count in: the broker is to end."""
         self._events: Counter[str] = Counter()
         self._rows = Counters(folder)
         self._totals: dict[LinkKey, Cell] = {}
@@ -110,7 +113,11 @@ class BrokerMeter:
             self.event("unmetered")
             return ()
         with self._lock:
-            row = self._rows.cell((name, topic, direction))
+            try:
+                row = self._rows.cell((name, topic, direction))
+            except RunError as error:  # here a client's connection would end, again and again
+                self.on_failure(error)
+                return ()
             # The totals are of traffic; what was acknowledged of it concerns only who looks for losses.
             counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
         self._counters[client_id, topic, direction] = counters

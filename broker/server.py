@@ -24,7 +24,7 @@ from broker.limits import Limits
 from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from broker.tls import TlsFiles
-from common.errors import ConfigurationError
+from common.errors import ConfigurationError, RunError
 from common.lock import Lock
 from common.memory import keep_freed_memory
 
@@ -69,10 +69,17 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
     context = settings.tls.context() if settings.tls is not None else None
     keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
+    failures: list[RunError] = []
+
+    def fail(error: RunError) -> None:
+        failures.append(error)
+        ended.set()
+
     async with AsyncExitStack() as stack:
         if settings.state is not None:
             stack.enter_context(Lock(settings.state, "broker"))
         broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
+        broker.meter.on_failure = fail
         if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
@@ -89,6 +96,8 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         await ended.wait()
+    if failures:
+        raise failures[0]
 
 
 def _listen(host: str, port: int) -> socket.socket:

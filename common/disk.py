@@ -21,7 +21,7 @@ def disk_error(path: str | Path, error: OSError, needed_bytes: int | None = None
         return RunError(f"cannot write {path}: {error.strerror}")
     needed = "" if needed_bytes is None else f" ({needed_bytes / 1e6:.1f} MB needed)"
     limit = "; a file may not grow so large here" if error.errno == errno.EFBIG else ""
-    return RunError(f"no space left on {path}{needed}{limit}; make room, then go on with the same run or state folder")
+    return RunError(f"no space left on {path}{needed}{limit}; make room, then go on from what is there")
 
 
 @contextlib.contextmanager

@@ -44,6 +44,8 @@ class Seal:
         Raises:
             RunError: it is not, or cannot be read.
         """
+        if not len(self.checksums):
+            return
         try:
             with path.open("rb") as file:
                 for place, expected in enumerate(self.checksums.tolist(), start=self.first):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from common.counters import KEYS
 from common.errors import RunError
 from common.lines import whole_lines
+from common.rows import RoundRow
 from common.scenario import Scenario
 from common.seals import Growing, Seal
 from common.state import State, StateFile, Stateful, sync, write_whole
@@ -113,9 +115,13 @@ class Checkpoint:
         """Whether there is a row of a second round, before which the first one's state is saved."""
         if self.folder is None:
             return False
-        rows = [json.loads(line) for line in whole_lines(self.folder.parent / _BESIDE[0], mend=False)]
-        mine = [row for row in rows if row["arm"] == self.folder.name and part in ("state", f"task-{row['task']}")]
-        return any(row["round"] > 1 for row in mine)
+        path = self.folder.parent / _BESIDE[0]
+        try:
+            rows = [RoundRow.model_validate_json(line) for line in whole_lines(path, mend=False)]
+        except ValidationError as error:
+            raise RunError(f"{path}: not as it was written; begin the run anew") from error
+        mine = [row for row in rows if row.arm == self.folder.name and part in ("state", f"task-{row.task}")]
+        return any(row.round > 1 for row in mine)
 
     def _file(self, part: str) -> StateFile:
         assert self.folder is not None

@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAVY
 from rich.console import Console
 from rich.table import Table
 
+from common.disk import full_disk_is_told
 from common.settings import Energy
 from fleet.figures import write_figures
 from fleet.prices import Prices, reprice
@@ -55,9 +56,10 @@ def report(
     run = load_run(run_dir)
     energy, suffix = reprice(run.scenario.energy, prices or Prices())
     print_report(run, energy, console)
-    written = write_figures(run, energy, suffix) if figures else []
-    if html:
-        written.append(write_html(run, energy, suffix))
+    with full_disk_is_told(str(run_dir)):
+        written = write_figures(run, energy, suffix) if figures else []
+        if html:
+            written.append(write_html(run, energy, suffix))
     return written
 
 
