@@ -122,6 +122,8 @@ class StateFile:
             path.parent.mkdir(parents=True, exist_ok=True)
             if self._durable and self._frames is not None and self._frames.exists():
                 sync(self._frames)
+            if number == 1:
+                self._paths[1].write_bytes(_head(_WRITING, 2))  # so that it is missed when it has gone
             self._write(path, number, content)
             if self._durable:
                 sync(path.parent)
@@ -177,13 +179,13 @@ class StateFile:
         """
         files = [_read(path) for path in self._paths]
         whole = max((file for file in files if file.kind == "whole"), key=lambda file: file.number, default=None)
+        if whole is None and tuple(file.kind for file in files) in _NOTHING_SAVED:
+            return None
         number = whole.number if whole else 0
-        for place, (path, file) in enumerate(zip(self._paths, files, strict=True)):
+        for path, file in zip(self._paths, files, strict=True):
             is_older = file.kind == "damaged" and 0 < file.number < number  # not needed any more
-            # Of the rest only the write after the newest one may have begun.
-            is_begun = number % 2 == place and file.kind == "writing" and file.number == number + 1
-            is_new = file.kind in ("blank", "gone") and number <= place
-            if not (file.kind == "whole" or is_older or is_begun or is_new):
+            is_next = file.kind == "writing" and file.number == number + 1
+            if not (file.kind == "whole" or is_older or is_next):
                 raise self._damaged(path, file.kind)
         return whole
 
@@ -208,6 +210,11 @@ class _Written:
     content: bytes = b""
 
 
+# The second file is made and marked, then the first one is.
+_NOTHING_SAVED = (
+    *(("gone", second) for second in ("gone", "blank", "writing")),
+    *((first, "writing") for first in ("blank", "writing")),
+)
 _SEAL = "seal of "
 _WHOLE, _WRITING = b"JouleSt2", b"JouleWr2"
 _HEAD = struct.Struct("<8sQQI")  # magic, number of the write, bytes of content, their CRC-32; then its own CRC-32
