@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import logging
+import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -172,8 +172,10 @@ def main(
 
         asyncio.run(run(settings, ready, guard))
     except JouleSwarmError as error:
-        with contextlib.suppress(OSError):  # stderr may be a file on a full disk
+        try:
             typer.echo(f"broker: {error}", err=True)
+        except OSError:  # on a full disk; Python would try once more, and end with a code of its own
+            os._exit(error.exit_code)
         sys.exit(error.exit_code)
 
 

@@ -34,8 +34,10 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
         with full_disk_is_told():
             yield
     except JouleSwarmError as error:
-        with contextlib.suppress(OSError):  # where it is printed to may be on a full disk
+        try:
             print(f"{name}: {error}", file=sys.stderr, flush=True)
+        except OSError:  # on a full disk; Python would try once more, and end with a code of its own
+            os._exit(error.exit_code)
         raise SystemExit(error.exit_code) from error
 
 

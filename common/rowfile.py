@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import logging
 import zlib
 from collections import Counter
@@ -42,24 +44,25 @@ class RowFile:
         self._path, self._sums = path, sums
         self._told: dict[Writer, _Told] = {}
         self._due: dict[Writer, int] = {}
-        self._rows = self._due_rows = 0
         self._size_bytes = self._checksum = 0
 
     def go_on(self) -> None:
         """Take up what is there, as far as it is as it was written; the rest is cut off, and comes back."""
         lines = [line + b"\n" for line in whole_lines(self._path)]
         if self._sums is not None:
-            sums = [tuple(map(int, line.split())) for line in whole_lines(self._sums) if _is_sum(line)]
-            self._due_rows = max((rows for _, _, rows in sums), default=0)
-            lines = lines[: _as_written(lines, {(size, checksum) for size, checksum, _ in sums})]
+            sums = list(_sums(self._sums))
+            for *_, writer, rows in sums:
+                self._due[writer] = max(self._due.get(writer, 0), rows)
+            lines = lines[: _as_written(lines, {(size_bytes, checksum) for size_bytes, checksum, *_ in sums})]
         if self._path.exists():
             with self._path.open("r+b") as file:
                 file.truncate(sum(map(len, lines)))
         for line in lines:
             self._book(_row(line, self._path), line)
-        if self._rows < self._due_rows:
-            log.warning("%s: %d rows are not as they were written; waiting for them to be told again at the end",
-                        self._path, self._due_rows - self._rows)  # fmt: skip
+        if lost := self._lost():
+            log.warning(
+                "%s: %d rows are not as they were written; they are to be told again at the end", self._path, lost
+            )
 
     def add(self, row: RoundRow) -> None:
         """Append a row; one that is there already, told again by a process that was killed, is left out.
@@ -83,10 +86,15 @@ class RowFile:
     def lost(self) -> str:
         """How many rows had been written, are not there any more, and have not been told again; "" if none."""
         self._mend()
+        whose = ", ".join(f"robot {agent} in {arm}" for arm, _, _, agent in sorted(self._lost_of()))
+        return f"{self._path}: {count} rows were lost, {whose}" if (count := self._lost()) else ""
+
+    def _lost_of(self) -> dict[Writer, int]:
         lost = {writer: due - self._told.get(writer, _Told()).rows for writer, due in self._due.items()}
-        whose = ", ".join(f"robot {agent} in {arm}" for (arm, _, _, agent), count in sorted(lost.items()) if count)
-        count = max(sum(lost.values()), self._due_rows - self._rows)
-        return f"{self._path}: {count} rows were lost, {whose or 'of processes that are gone'}" if count > 0 else ""
+        return {writer: rows for writer, rows in lost.items() if rows > 0}
+
+    def _lost(self) -> int:
+        return sum(self._lost_of().values())
 
     def rows(self) -> Iterator[RoundRow]:
         """Those written so far, in the order of the file; read again, so that memory does not grow with the rounds.
@@ -121,7 +129,7 @@ class RowFile:
         line = _line(row)
         _add(self._path, line)
         self._book(row, line)
-        self._note()
+        self._note(_whose(row))
 
     def _book(self, row: RoundRow, line: bytes) -> None:
         whose = _whose(row)
@@ -129,18 +137,19 @@ class RowFile:
         told.rows, told.newest = told.rows + 1, max(told.newest, row.round)
         told.checksum += zlib.crc32(line)
         self._due[whose] = max(self._due.get(whose, 0), told.rows)
-        self._rows += 1
         self._size_bytes, self._checksum = self._size_bytes + len(line), zlib.crc32(line, self._checksum)
 
     def _replace(self, lines: list[bytes]) -> None:
         content = b"".join(lines)
-        self._rows, self._size_bytes, self._checksum = len(lines), len(content), zlib.crc32(content)
-        self._note()  # first: whoever is killed in between finds the file before
+        self._size_bytes, self._checksum = len(content), zlib.crc32(content)
+        for writer in self._told:
+            self._note(writer)  # first: whoever is killed in between finds the file before
         write_whole(self._path, content)
 
-    def _note(self) -> None:
+    def _note(self, writer: Writer) -> None:
         if self._sums is not None:
-            _add(self._sums, f"{self._size_bytes} {self._checksum} {self._rows}\n".encode())
+            sums = self._size_bytes, self._checksum, writer, self._told[writer].rows
+            _add(self._sums, json.dumps(sums).encode() + b"\n")
 
 
 def _whose(row: RoundRow) -> Writer:
@@ -162,9 +171,14 @@ def _is(told: _Told, lines: list[bytes]) -> bool:
     return told.rows == len(lines) and told.checksum == sum(map(zlib.crc32, lines))
 
 
-def _is_sum(line: bytes) -> bool:
-    parts = line.split()
-    return len(parts) == 3 and all(part.isdigit() for part in parts)
+def _sums(path: Path) -> Iterator[tuple[int, int, Writer, int]]:
+    """Size and checksum of the file after each row, whose it was, and how many of the writer's there were."""
+    for line in whole_lines(path):
+        with contextlib.suppress(
+            ValueError, TypeError
+        ):  # after a power failure, say: fewer rows are found as they were
+            size_bytes, checksum, (arm, phase, task, agent), rows = json.loads(line)
+            yield size_bytes, checksum, (arm, phase, task, agent), rows
 
 
 def _as_written(lines: list[bytes], sums: set[tuple[int, int]]) -> int:
