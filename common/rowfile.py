@@ -43,7 +43,7 @@ class RowFile:
         """`sums`: where to keep what the file's checksum was after each row, so that a run can be gone on with."""
         self._path, self._sums = path, sums
         self._told: dict[Writer, _Told] = {}
-        self._due: dict[Writer, int] = {}
+        self._due: dict[Writer, tuple[int, int]] = {}  # rows ever told, and the newest round of them
         self._size_bytes = self._checksum = 0
 
     def go_on(self) -> None:
@@ -51,8 +51,8 @@ class RowFile:
         lines = [line + b"\n" for line in whole_lines(self._path)]
         if self._sums is not None:
             sums = list(_sums(self._sums))
-            for *_, writer, rows in sums:
-                self._due[writer] = max(self._due.get(writer, 0), rows)
+            for *_, writer, due in sums:
+                self._due[writer] = max(self._due.get(writer, (0, 0)), due)
             lines = lines[: _as_written(lines, {(size_bytes, checksum) for size_bytes, checksum, *_ in sums})]
         if self._path.exists():
             with self._path.open("r+b") as file:
@@ -90,7 +90,7 @@ class RowFile:
         return f"{self._path}: {count} rows were lost, {whose}" if (count := self._lost()) else ""
 
     def _lost_of(self) -> dict[Writer, int]:
-        lost = {writer: due - self._told.get(writer, _Told()).rows for writer, due in self._due.items()}
+        lost = {writer: rows - self._told.get(writer, _Told()).rows for writer, (rows, _) in self._due.items()}
         return {writer: rows for writer, rows in lost.items() if rows > 0}
 
     def _lost(self) -> int:
@@ -136,7 +136,8 @@ class RowFile:
         told = self._told.setdefault(whose, _Told())
         told.rows, told.newest = told.rows + 1, max(told.newest, row.round)
         told.checksum += zlib.crc32(line)
-        self._due[whose] = max(self._due.get(whose, 0), told.rows)
+        due, newest = self._due.get(whose, (0, 0))
+        self._due[whose] = max(due + (row.round > newest), told.rows), max(newest, row.round)
         self._size_bytes, self._checksum = self._size_bytes + len(line), zlib.crc32(line, self._checksum)
 
     def _replace(self, lines: list[bytes]) -> None:
@@ -148,7 +149,7 @@ class RowFile:
 
     def _note(self, writer: Writer) -> None:
         if self._sums is not None:
-            sums = self._size_bytes, self._checksum, writer, self._told[writer].rows
+            sums = self._size_bytes, self._checksum, writer, self._due[writer]
             _add(self._sums, json.dumps(sums).encode() + b"\n")
 
 
@@ -171,14 +172,13 @@ def _is(told: _Told, lines: list[bytes]) -> bool:
     return told.rows == len(lines) and told.checksum == sum(map(zlib.crc32, lines))
 
 
-def _sums(path: Path) -> Iterator[tuple[int, int, Writer, int]]:
-    """Size and checksum of the file after each row, whose it was, and how many of the writer's there were."""
+def _sums(path: Path) -> Iterator[tuple[int, int, Writer, tuple[int, int]]]:
+    """Size and checksum of the file after each row, whose it was, and what the writer had told by then."""
     for line in whole_lines(path):
-        with contextlib.suppress(
-            ValueError, TypeError
-        ):  # after a power failure, say: fewer rows are found as they were
-            size_bytes, checksum, (arm, phase, task, agent), rows = json.loads(line)
-            yield size_bytes, checksum, (arm, phase, task, agent), rows
+        # One that is none, after a power failure say, only makes fewer rows be found as they were.
+        with contextlib.suppress(ValueError, TypeError):
+            size_bytes, checksum, (arm, phase, task, agent), (rows, newest) = json.loads(line)
+            yield size_bytes, checksum, (arm, phase, task, agent), (rows, newest)
 
 
 def _as_written(lines: list[bytes], sums: set[tuple[int, int]]) -> int:

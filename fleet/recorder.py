@@ -135,11 +135,12 @@ class Recorder:
         clients = [row for client in self._clients for row in self._reports.get(client) or self._counted_by(client)]
         meter = [*self._broker_rows, *clients, *own]
         self._directory.meter(meter)
-        lost = self._directory.lost_rows() if status == "complete" else ""
-        status = "failed" if lost else status
+        lost, was_complete = self._directory.lost_rows(), status == "complete"
+        if lost and was_complete:
+            status = "failed"
         self._directory.summary(summarise(self._scenario, self._directory.rows, meter, status=status))
         self._bus.close()
-        if lost:
+        if lost and was_complete:
             raise RunError(f"{lost}; the run is not complete")
 
     def _ask_broker(self) -> None:
