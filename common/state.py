@@ -100,6 +100,8 @@ class StateFile:
         self._paths = [path.with_name(f"{path.name}.{number}") for number in (0, 1)]
         self._owner, self._frames, self._durable = owner, frames, durable
         self._written: int | None = None
+        if owner is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
 
     def save(self, state: State) -> None:
         """Write the state.
@@ -119,7 +121,6 @@ class StateFile:
         content = safetensors.numpy.save(arrays | sums, metadata=metadata)
         path, number = self._paths[self._written % 2], self._written + 1
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             if self._durable and self._frames is not None and self._frames.exists():
                 sync(self._frames)
             if number == 1:
