@@ -61,6 +61,7 @@ def main(
         from common.errors import ConfigurationError, RunError, usable
         from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
@@ -74,6 +75,8 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
+        if state is not None:
+            Lock(state, f"robot {id}")  # until the process ends
         use_one_thread()
         same_arithmetic(state, arithmetic(), other_processor=other_processor)
         keep_freed_memory()

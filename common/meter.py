@@ -73,10 +73,7 @@ class Meter:
         if link_of(topic) is None:
             return
         with self._lock:
-            cell = self._counters.cell((client, topic, direction))
-            cell[0] += 1
-            cell[1] += payload_bytes
-            cell[2] += packet_bytes
+            self._counters.cell((client, topic, direction)).add(payload_bytes, packet_bytes)
 
     def rows(self) -> list[MeterRow]:
         """The counters as rows, in a stable order."""

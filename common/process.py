@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from types import FrameType
 
+from common.disk import full_disk_is_told
 from common.errors import JouleSwarmError, RunError, used_up
 
 STOPPED = 130
@@ -37,7 +38,8 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
 def one_line_errors(name: str) -> Iterator[None]:
     """An error of ours ends the process with one line and its exit code; so does what the system has used up."""
     try:
-        yield
+        with full_disk_is_told():
+            yield
     except JouleSwarmError as error:
         told, code = str(error), error.exit_code
     except OSError as error:
@@ -46,7 +48,10 @@ def one_line_errors(name: str) -> Iterator[None]:
         told, code = line, RunError.exit_code
     else:
         return
-    print(f"{name}: {told}", file=sys.stderr, flush=True)
+    try:
+        print(f"{name}: {told}", file=sys.stderr, flush=True)
+    except OSError:  # on a full disk; Python would try once more, and end with a code of its own
+        os._exit(code)
     raise SystemExit(code)
 
 

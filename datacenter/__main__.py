@@ -54,17 +54,22 @@ def main(
         from common.errors import ConfigurationError, RunError, usable
         from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
         from common.state import Keep
+        from common.verify import check_states
         from datacenter.device import accelerator
         from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
+        if state is not None:
+            Lock(state, "data center")  # until the process ends
+            check_states(state)
         use_one_thread()
         same_arithmetic(state, arithmetic(accelerator()), other_processor=other_processor)
         keep_freed_memory()

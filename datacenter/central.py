@@ -70,8 +70,9 @@ class CentralLearner:
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario
         # All robots' transitions in one memory, of the size that theirs have together.
-        size = scenario.learning.replay_size * len(scenario.cluster(task))
-        settings = scenario.learning.model_copy(update={"replay_size": size})
+        robots, learning = len(scenario.cluster(task)), scenario.learning
+        sizes = {"replay_size": robots * learning.replay_size, "motions_per_round": robots * learning.motions_per_round}
+        settings = learning.model_copy(update=sizes)
         weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
         frames = self._folder / f"frames-{task}.bin" if self._folder else None
         rng = stream(scenario.seed, METHOD, "learn", task)

@@ -69,13 +69,7 @@ class MetaLearner:
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()} for task in tasks
         }
-        network = scenario.network
-        self._replays = {
-            task: Replay(
-                self._settings.replay_size, network.height, network.width, folder and folder / f"frames-{task}.bin"
-            )
-            for task in tasks
-        }
+        self._replays = {task: self._replay(task, folder) for task in tasks}
         per_round = scenario.learning.motions_per_round
         self._walks = {task: Walks(replay, per_round) for task, replay in self._replays.items()}
 
@@ -145,6 +139,12 @@ class MetaLearner:
         """Batches as gradients: Reptile's and joint training's are all of one kind."""
         plain = self._method in ("reptile", "multitask")
         return Gradients(support + query, 0) if plain else Gradients(support, query)
+
+    def _replay(self, task: int, folder: Path | None) -> Replay:
+        network, learning = self._scenario.network, self._scenario.learning
+        spare = 2 * learning.motions_per_round * len(self._scenario.training_agents[task])
+        frames = folder and folder / f"frames-{task}.bin"
+        return Replay(self._settings.replay_size, network.height, network.width, frames, spare)
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""

@@ -169,9 +169,10 @@ class Recorder:
         """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
 
         Raises:
-            RunError: the broker has not answered; all the same everything is written, as of a run that failed.
+            RunError: the broker has not answered, or rows were lost; all the same everything is written, as of a run
+                that failed.
         """
-        settings, silent = self._scenario, None
+        settings, failed = self._scenario, None
         if status != "complete":
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
         for whose in (CLIENT, topics.SHARED):
@@ -183,7 +184,9 @@ class Recorder:
             rows, source = self._broker.end(patience_s, is_late=self._is_late)
         except RunError as error:
             rows, source = [], CLIENTS.format(why=error)
-            status, silent = "failed" if status == "complete" else status, error
+            status, failed = "failed" if status == "complete" else status, error
+        if (lost := self._directory.lost_rows()) and status == "complete":
+            status, failed = "failed", RunError(f"{lost}; the run is not complete")
         meter, work = [*rows, *self._clients_rows()], self._work_done()
         self._directory.meter(meter)
         self._directory.work(work)
@@ -193,11 +196,11 @@ class Recorder:
         self._forget_done()
         if status == "complete":
             self._see_off()
-        elif silent is not None:
+        elif failed is not None:
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
         self._bus.close()
-        if silent is not None:
-            raise silent
+        if failed is not None:
+            raise failed
 
     def _clients_rows(self) -> list[MeterRow]:
         """What all processes have counted themselves, the recorder too."""

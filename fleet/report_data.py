@@ -123,7 +123,7 @@ def _load(path: Path, manifest: dict[str, Any]) -> Run:
         path=path,
         manifest=manifest,
         scenario=_scenario(manifest, path / MANIFEST),
-        rows=_lines(path / ROUNDS, RoundRow, needed=done, cut=cut),
+        rows=_once(_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
         meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
         work_rows=_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
         progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
@@ -140,6 +140,20 @@ def _kept_rows(path: Path, run: str) -> list[MeterRow]:
         if folder.name != "broker":
             rows += read_rows("client", folder)
     return [row for row in rows if row.topic.startswith(prefix)]
+
+
+def _once(rows: list[RoundRow], file: Path) -> list[RoundRow]:
+    """Rows none of which stands twice: a bill would count it twice."""
+    first: dict[object, int] = {}
+    for number, row in enumerate(rows, start=1):
+        before = first.setdefault(row.sort_key(), number)
+        if before != number:
+            who = f"robot {row.agent}" if row.agent else "the data center"
+            raise RunError(
+                f"{file}, line {number}: round {row.round} of {who} in {row.arm} stands in line {before} already; "
+                "two processes wrote it, or somebody altered it"
+            )
+    return rows
 
 
 def _kept_work(path: Path) -> list[WorkRow]:

@@ -23,11 +23,13 @@ from common import topics
 from common.errors import ConfigurationError, JouleSwarmError, RunError, usable
 from common.host import machine, moved
 from common.keys import Credentials, credentials_of
+from common.lock import Lock, await_free
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
 from common.runlog import MANIFEST, STATE, RunDirectory, computed_on
 from common.scenario import Scenario, load_scenario
+from common.verify import check_states
 from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
 from fleet.learning import check_learning
@@ -35,7 +37,7 @@ from fleet.packages import command_of
 from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
 from fleet.report_data import other_version, read_manifest
-from fleet.resume import check_states
+from fleet.resume import check_is_there
 from fleet.stopping import telling_what_is_kept
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
@@ -44,6 +46,7 @@ from fleet.view import View
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
 RESTARTS = 20
+_WAIT_FOR_CHILDREN_S = 10.0
 
 
 class Intruder(Protocol):
@@ -92,8 +95,8 @@ def run_deployment(
     They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
-    directory = _begin(out, run, console)
-    _deploy(scenario, run, directory, console, options)
+    with _begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+        _deploy(scenario, run, directory, console, options)
     return directory.path
 
 
@@ -101,7 +104,9 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
-        ConfigurationError: it is complete, not the directory of such a run, or lacks the state of a process.
+        ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
+            is at work on it.
+        RunError: something of it is not as it was written; nothing has been started.
     """
     held = path / MANIFEST
     if not held.exists():
@@ -111,25 +116,31 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     manifest = read_manifest(path)
     if other := other_version(manifest):
         raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
-    scenario = load_scenario(held)
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
-    _check(scenario, options)
-    check_states(path)  # before anything is written
-    _check_processor(manifest, path, options, console)
-    with usable("run directory", path):
-        directory = RunDirectory(path, resume=True)
-    _say_where(directory, console)
-    _deploy(scenario, manifest["run"], directory, console, options)
+    with Lock(path, "jouleswarm run --resume"):
+        for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
+            await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
+        check_is_there(path)
+        check_states(path / STATE)
+        with usable("run directory", path):
+            directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
+        scenario = load_scenario(held)
+        _check(scenario, options)
+        _check_processor(manifest, path, options, console)
+        _say_where(directory, console)
+        _deploy(scenario, manifest["run"], directory, console, options)
     return path
 
 
-def _begin(out: Path, run: str, console: Console) -> RunDirectory:
-    """A new run directory, told in the first line that a run prints."""
-    with usable("--out", out):
-        directory = RunDirectory(out / topics.run_name(run))
-    _say_where(directory, console)
-    return directory
+@contextlib.contextmanager
+def _begun(out: Path, run: str, who: str, console: Console, *, with_state: bool) -> Iterator[RunDirectory]:
+    """A new run directory of one's own, told in the first line that a run prints."""
+    path = out / topics.run_name(run)
+    with usable("--out", out), Lock(path, who):
+        directory = RunDirectory(path, state=path / STATE / CLIENT if with_state else None)
+        _say_where(directory, console)
+        yield directory
 
 
 def _say_where(directory: RunDirectory, console: Console) -> None:
@@ -221,8 +232,8 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
-    directory = _begin(out, run, console)
     with ExitStack() as stack:
+        directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
         recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)

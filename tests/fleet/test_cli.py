@@ -125,7 +125,8 @@ def test_what_is_no_run_is_not_gone_on_with(jouleswarm: Call, tmp_path: Path) ->
     code, _, err = jouleswarm("run", "--resume", str(tmp_path))
     assert code == 2
     (line,) = err.splitlines()
-    assert "manifest.json: cannot be read" in line
+    assert "has no manifest.json; name one that `jouleswarm run` printed" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_report_of_what_is_not_there_is_refused(jouleswarm: Call, tmp_path: Path) -> None:

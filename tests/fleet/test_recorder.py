@@ -123,6 +123,33 @@ def test_rows_are_written_as_they_come_and_the_newest_is_known(table: Table) -> 
     assert [row.agent for row in table.recorder.rows] == [2, 1, 2, 1]
 
 
+def test_rows_lost_while_the_run_goes_on_come_back_with_the_reports(table: Table) -> None:
+    for round_ in (1, 2, 3):
+        for agent in (1, 2):
+            table.row(agent, round_)
+    table.pump()
+    (table.path / "rounds.jsonl").unlink()
+    table.row(1, 4)
+    for agent, rounds in ((1, 4), (2, 3)):
+        table.report(f"agent-{agent}", rounds=[made(agent, round_) for round_ in range(1, rounds + 1)])
+    table.pump()
+    table.recorder.close("complete")
+    told = [(row["agent"], row["round"]) for row in table.lines("rounds.jsonl")]
+    assert told == [(1, 1), (1, 2), (1, 3), (1, 4), (2, 1), (2, 2), (2, 3)]
+    assert table.json("summary.json")["status"] == "complete"
+
+
+def test_a_run_whose_rows_are_lost_for_good_is_not_complete(table: Table) -> None:
+    for agent in (1, 2):
+        table.report(f"agent-{agent}", rounds=[made(agent, 1), made(agent, 2)])
+    table.pump()
+    file = table.path / "rounds.jsonl"
+    file.write_bytes(b"".join(file.read_bytes().splitlines(keepends=True)[:3]))
+    with pytest.raises(RunError, match=r"rounds\.jsonl: 2 rows were lost, robot 2 in maml; the run is not complete"):
+        table.recorder.close("complete")
+    assert table.json("summary.json")["status"] == "failed"
+
+
 def test_a_row_that_is_told_twice_is_written_once(table: Table) -> None:
     for reward in (1.0, 2.0):  # by a robot that was killed in between, and has done the round again
         table.row(1, 1, reward=reward)

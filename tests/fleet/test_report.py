@@ -128,6 +128,13 @@ def test_a_damaged_file_is_named(complete, name: str, content: str, says: str) -
     assert name in str(caught.value)
 
 
+def test_a_row_that_stands_twice_is_refused_and_not_billed_twice(complete) -> None:
+    lines = (complete / ROUNDS).read_text().splitlines(keepends=True)
+    (complete / ROUNDS).write_text("".join([*lines, lines[2]]))
+    with pytest.raises(RunError, match=rf"rounds\.jsonl, line {len(lines) + 1}: round .* stands in line 3 already"):
+        load_run(complete)
+
+
 def test_a_finished_run_must_have_its_rounds(complete) -> None:
     (complete / ROUNDS).unlink()
     with pytest.raises(RunError, match=r"rounds\.jsonl: missing"):
