@@ -22,7 +22,7 @@ from broker.handler import ClientHandler
 from broker.holdings import Away, Filters, Retained
 from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from broker.meter import BrokerMeter
-from broker.packets import Connect, Subscription, Will, parse_connect
+from broker.packets import Connect, Subscription, Will, is_filter, parse_connect
 from broker.publication import Publication
 from broker.routes import Routes
 from common import topics
@@ -219,8 +219,9 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if session.grants is not None and not session.grants.may_subscribe(topic_filter):
             self.meter.event("refused_not_permitted")
             return REFUSED
-        too_long = len(topic_filter) > self.limits.name_length
-        if too_long or topic_filter.startswith(SHARED) or not self._filters.has_room(client_id, topic_filter):
+        is_served = is_filter(topic_filter) and not topic_filter.startswith(SHARED)
+        is_short = len(topic_filter) <= self.limits.name_length
+        if not (is_served and is_short and self._filters.has_room(client_id, topic_filter)):
             self.meter.refused("refused_subscriptions", f"client {name_of(client_id)}: subscription to {topic_filter}")
             return REFUSED
         self.remove_subscription(topic_filter, session)

@@ -186,8 +186,7 @@ def is_topic(topic: str) -> bool:
 def is_filter(topic_filter: str) -> bool:
     """Whether this can be subscribed to: wildcards fill their levels, and # is the last one (section 4.7.1)."""
     *above, last = topic_filter.split("/")
-    is_short = topic_filter and len(above) <= SEPARATORS
-    return bool(is_short) and _is_level(last, "+#") and all(_is_level(level, "+") for level in above)
+    return bool(topic_filter) and _is_level(last, "+#") and all(_is_level(level, "+") for level in above)
 
 
 def _is_level(level: str, wildcards: str) -> bool:
@@ -196,6 +195,7 @@ def _is_level(level: str, wildcards: str) -> bool:
 
 def _filter(fields: _Fields, kind: str) -> str:
     topic_filter = fields.text()
-    if not is_filter(topic_filter):
-        raise MalformedPacket(f"{kind} with {topic_filter!r}, which is no topic filter")
+    if not topic_filter or topic_filter.count("/") > SEPARATORS:
+        what = f"one of over {SEPARATORS} levels" if topic_filter else "an empty one"
+        raise MalformedPacket(f"{kind} with {what} for a topic filter")
     return topic_filter

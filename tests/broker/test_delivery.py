@@ -112,6 +112,15 @@ def test_subscribing_again_changes_the_qos_and_unsubscribing_ends_deliveries(bro
     subscriber.ping()
 
 
+@pytest.mark.parametrize("bad", ["a#", "a/#/b", "+a/b", "a/b+"])
+def test_malformed_filters_are_refused(broker, raw, bad):
+    client = raw(broker)
+    client.connect("c")
+    assert client.subscribe(bad) == 0x80
+    client.send(0xA2, b"\x00\x02" + text(bad))
+    assert client.read() == (0xB0, b"\x00\x02")
+
+
 def test_new_subscription_is_seen_by_a_topic_already_routed(broker, raw):
     first, second, publisher = raw(broker), raw(broker), raw(broker)
     for name, client in (("first", first), ("second", second), ("publisher", publisher)):
