@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, Self
 
 from pydantic import ValidationError
@@ -61,7 +62,7 @@ class MqttBus:
         self._give_up_s = give_up_s
         self._changed = threading.Condition()
         self._inbox = Inbox()
-        self._awaits_answer = False
+        self._awaited: Callable[[], bool] | None = None
         self.limit_bytes: int | None = None
         """Of a PUBLISH packet's remaining length, where the broker has told it (after the first subscription)."""
         self._asked_for_limits = False
@@ -203,7 +204,7 @@ class MqttBus:
     def _may_send(self) -> bool:
         return self._unsent_bytes < UNSENT_LIMIT_BYTES and self._unsent_messages < UNSENT_LIMIT_MESSAGES
 
-    def _wait_for(self, condition: Any, timeout_s: float | None = None) -> bool:
+    def _wait_for(self, condition: Callable[[], bool], timeout_s: float | None = None) -> bool:
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
             while not condition():
@@ -217,11 +218,11 @@ class MqttBus:
                         raise self._unreachable()
                 if deadline_s is not None and deadline_s <= now_s:
                     return False
-                self._awaits_answer = True
+                self._awaited = condition
                 if not self._inbox.has_room(now_s):
                     self._paho.look_again()
                 self._changed.wait(min(waits_s, default=None))
-                self._awaits_answer = False
+            self._awaited = None
         return True
 
     def _unreachable(self) -> BrokerUnreachableError:
@@ -334,7 +335,8 @@ class MqttBus:
 
     def _has_room(self) -> bool:
         with self._changed:
-            return self._awaits_answer or self._inbox.has_room(time.monotonic())
+            awaits = self._awaited is not None and not self._awaited()
+            return awaits or self._inbox.has_room(time.monotonic())
 
     def _on_not_taken(self, topic: str, packet_bytes: int) -> None:
         raise MessageTooLargeError(

@@ -5,6 +5,7 @@ Packets as in MQTT 3.1.1, chapters 2 and 3.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import threading
@@ -363,6 +364,26 @@ def test_unread_messages_are_not_acknowledged_beyond_the_budget_and_the_connecti
     assert [bus.receive(LIMIT_S).payload[0] for _ in range(20)] == list(range(1, 21))
     assert bus.connections == 1
     bus.close()
+
+
+def test_a_client_that_hears_without_a_pause_still_says_that_it_lives(played):
+    pinged = threading.Event()
+
+    def script(accept: Callable[[], Peer]) -> None:
+        peer = accept()
+        peer.accept()
+        peer._sock.settimeout(0.01)
+        while True:
+            peer._sock.sendall(b"\x30\x04\0\1ax")
+            with contextlib.suppress(TimeoutError):
+                if peer._sock.recv(1) == b"\xc0":
+                    break
+        pinged.set()
+        peer.close()
+
+    bus = played(script)
+    bus._paho._keepalive = 1
+    assert pinged.wait(LIMIT_S)
 
 
 def test_an_answer_that_stands_behind_what_nobody_reads_comes(played, monkeypatch):
