@@ -8,19 +8,16 @@ import time
 from collections.abc import Callable
 from typing import Any, Self
 
-from pydantic import ValidationError
-
 from common import topics
 from common.broker_url import BrokerAddress, parse_url
 from common.bus import Message, Payload
-from common.errors import BrokerUnreachableError, ConfigurationError, MessageTooLargeError
+from common.errors import BrokerUnreachableError, ConfigurationError
 from common.inbox import Inbox
 from common.keys import Credentials
-from common.meter import Meter, publish_body_bytes
+from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
 from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
-from common.snapshot import BrokerLimits
-from common.suspects import CONNECTIONS
+from common.size_limit import SizeLimit
 from common.tls import TlsSocket
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
@@ -32,7 +29,6 @@ UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
 CONNECT_ATTEMPT_MIN_S, CONNECT_ATTEMPT_MAX_S = 3.0, 10.0  # at most as long as the broker waits for a CONNECT
 CLOSE_TIMEOUT_S = 5.0
-MQTT_LIMIT_BYTES = 268_435_455  # of a remaining length (MQTT 3.1.1, section 2.2.3)
 _REFUSED = 128
 
 
@@ -63,8 +59,7 @@ class MqttBus:
         self._changed = threading.Condition()
         self._inbox = Inbox()
         self._awaited: Callable[[], bool] | None = None
-        self.limit_bytes: int | None = None
-        """Of a PUBLISH packet's remaining length, where the broker has told it (after the first subscription)."""
+        self.limit = SizeLimit(address)
         self._asked_for_limits = False
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
@@ -144,23 +139,10 @@ class MqttBus:
         Raises:
             MessageTooLargeError: the broker has told that it takes none of this size.
         """
-        self.check_size(topic, len(payload), qos)
+        self.limit.check(topic, len(payload), qos)
         self._wait_for(self._may_send)
         data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
         self._paho.send(topic, data, qos, retain=retain)
-
-    def check_size(self, topic: str, payload_bytes: int, qos: int) -> None:
-        """Whether the broker takes a message of this size, as far as it has told.
-
-        Raises:
-            MessageTooLargeError: it does not.
-        """
-        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self.limit_bytes or MQTT_LIMIT_BYTES
-        if size_bytes > limit_bytes:
-            raise MessageTooLargeError(
-                f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "
-                "raise its limit (--max-message-mb), or make what is sent smaller (network, weights_codec)"
-            )
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
@@ -268,7 +250,7 @@ class MqttBus:
         client.has_room = self._has_room
         client.on_queued = self._on_queued
         client.on_settled = self._on_settled
-        client.on_not_taken = self._on_not_taken
+        client.on_not_taken = self.limit.not_taken
         client.on_failure = self._on_failure
         return client
 
@@ -281,7 +263,7 @@ class MqttBus:
             else:
                 self._connected = True
                 self.connections += 1
-                self.limit_bytes, self._asked_for_limits = None, False
+                self.limit.told_bytes, self._asked_for_limits = None, False
                 if self._filters:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
@@ -318,31 +300,19 @@ class MqttBus:
 
     def _on_received(self, topic: str, payload: memoryview, retained: bool, packet_bytes: int) -> None:
         if topic == topics.BROKER_LIMITS:
-            self._learn_limits(payload)
+            self.limit.learn(payload)
+            for waiting in self._paho.backlog():
+                self.limit.check(*waiting)
             return
         self.meter.count(self.client, topic, "in", len(payload), packet_bytes)
         with self._changed:
             self._inbox.put(Message(topic, payload, retained))
             self._changed.notify_all()
 
-    def _learn_limits(self, payload: memoryview) -> None:
-        try:
-            self.limit_bytes = BrokerLimits.model_validate_json(bytes(payload)).message_bytes
-        except ValidationError as error:
-            logger.warning("ignored a message on %s: %s", topics.BROKER_LIMITS, error.errors()[0]["msg"])
-        for waiting in self._paho.backlog():
-            self.check_size(*waiting)
-
     def _has_room(self) -> bool:
         with self._changed:
             awaits = self._awaited is not None and not self._awaited()
             return awaits or self._inbox.has_room(time.monotonic())
-
-    def _on_not_taken(self, topic: str, packet_bytes: int) -> None:
-        raise MessageTooLargeError(
-            f"message of {packet_bytes} bytes on {topic}: broker {self._address} closed the connection {CONNECTIONS} "
-            "times in a row while this was sent or before it was acknowledged; its limit may be below: see its log"
-        )
 
     def _on_queued(self, payload_bytes: int) -> None:
         with self._changed:
