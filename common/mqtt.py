@@ -18,6 +18,7 @@ from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
 from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
 from common.size_limit import SizeLimit
+from common.suspects import CONNECTIONS
 from common.tls import TlsSocket
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
@@ -61,6 +62,7 @@ class MqttBus:
         self._awaited: Callable[[], bool] | None = None
         self.limit = SizeLimit(address)
         self._asked_for_limits = False
+        self._unanswered = 0  # connections in a row that ended before a SUBSCRIBE was answered
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
         self._asked: dict[int, tuple[str, ...]] = {}
@@ -215,7 +217,8 @@ class MqttBus:
 
     def _ask(self, filters: tuple[str, ...]) -> None:
         asked = [(filter_, self._filters[filter_]) for filter_ in filters]
-        if not self._asked_for_limits:  # a broker that tells none, or not to this client, is as good
+        # A broker that tells none, or not to this client, is as good; one may close the connection at the question.
+        if not self._asked_for_limits and self._unanswered < CONNECTIONS // 2:
             asked.append((topics.BROKER_LIMITS, 0))
             self._asked_for_limits = True
         mid = self._paho.subscribe(asked)[1]
@@ -275,6 +278,8 @@ class MqttBus:
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
+            unanswered = tuple(filter_ for filters in self._asked.values() for filter_ in filters)
+            self._unanswered = self._unanswered + 1 if unanswered else self._unanswered
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
                 self._why_lost = f"connection lost: {reason}"
@@ -283,9 +288,15 @@ class MqttBus:
             self._granted.clear()
             self._asked.clear()
             self._changed.notify_all()
+        if self._unanswered >= CONNECTIONS:
+            raise ConfigurationError(
+                f"broker {self._address} refused the subscription to {', '.join(unanswered)}: it closed the connection "
+                f"{CONNECTIONS} times in a row without an answer"
+            )
 
     def _on_subscribe(self, _client: Any, _data: Any, mid: int, reasons: Any, _properties: Any) -> None:
         with self._changed:
+            self._unanswered = 0
             for filter_, reason in zip(self._asked.pop(mid, ()), reasons, strict=False):
                 self._granted[filter_] = reason.value
             self._changed.notify_all()

@@ -54,5 +54,6 @@ class SizeLimit:
         """
         raise MessageTooLargeError(
             f"message of {packet_bytes} bytes on {topic}: broker {self._address} closed the connection {CONNECTIONS} "
-            "times in a row while this was sent or before it was acknowledged: its limit may be below, or it refuses it for another reason (see its log)"
+            "times in a row while this was sent or before it was acknowledged: its limit may be below, or it refuses "
+            "this for another reason (see its log)"
         )

@@ -17,7 +17,7 @@ import pytest
 
 import common.inbox
 from common import topics
-from common.errors import MessageTooLargeError
+from common.errors import ConfigurationError, MessageTooLargeError
 from common.mqtt import MqttBus
 from common.suspects import CONNECTIONS
 
@@ -404,6 +404,40 @@ def test_an_answer_that_stands_behind_what_nobody_reads_comes(played, monkeypatc
     bus.subscribe("c")
     assert [bus.receive(LIMIT_S).payload[0] for _ in range(20)] == list(range(1, 21))
     bus.close()
+
+
+def test_a_broker_that_closes_the_connection_at_each_subscribe_refuses_it(played):
+    def script(accept: Callable[[], Peer]) -> None:
+        for _ in range(CONNECTIONS):
+            peer = accept()
+            peer.accept()
+            peer.read()
+            peer.close()
+
+    bus = played(script)
+    with pytest.raises(ConfigurationError, match=f"refused the subscription to a: .* {CONNECTIONS} times"):
+        bus.subscribe("a")
+
+
+def test_a_broker_that_minds_being_asked_for_its_limits_is_not_asked_again(played):
+    asked = []
+
+    def script(accept: Callable[[], Peer]) -> None:
+        while True:
+            peer = accept()
+            peer.accept()
+            packet = peer.read()
+            asked.append(topics.BROKER_LIMITS.encode() in packet.body)
+            if not asked[-1]:
+                break
+            peer.close()
+        peer.answer(packet)
+        peer.serve()
+
+    bus = played(script)
+    bus.subscribe("a")
+    bus.close()
+    assert asked == [True, True, False]
 
 
 def test_packet_identifiers_of_messages_under_way_are_not_used_again(played):
