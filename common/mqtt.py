@@ -5,20 +5,19 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, Self
-
-from pydantic import ValidationError
 
 from common import topics
 from common.broker_url import BrokerAddress, parse_url
 from common.bus import Message, Payload
-from common.errors import BrokerUnreachableError, ConfigurationError, MessageTooLargeError
+from common.errors import BrokerUnreachableError, ConfigurationError
 from common.inbox import Inbox
 from common.keys import Credentials
-from common.meter import Meter, publish_body_bytes
+from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
 from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
-from common.snapshot import BrokerLimits
+from common.size_limit import SizeLimit
 from common.suspects import CONNECTIONS
 from common.tls import TlsSocket
 
@@ -31,7 +30,6 @@ UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
 CONNECT_ATTEMPT_MIN_S, CONNECT_ATTEMPT_MAX_S = 3.0, 10.0  # at most as long as the broker waits for a CONNECT
 CLOSE_TIMEOUT_S = 5.0
-MQTT_LIMIT_BYTES = 268_435_455  # of a remaining length (MQTT 3.1.1, section 2.2.3)
 _REFUSED = 128
 
 
@@ -61,10 +59,10 @@ class MqttBus:
         self._give_up_s = give_up_s
         self._changed = threading.Condition()
         self._inbox = Inbox()
-        self._awaits_answer = False
-        self.limit_bytes: int | None = None
-        """Of a PUBLISH packet's remaining length, where the broker has told it (after the first subscription)."""
+        self._awaited: Callable[[], bool] | None = None
+        self.limit = SizeLimit(address)
         self._asked_for_limits = False
+        self._unanswered = 0  # connections in a row that ended before a SUBSCRIBE was answered
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
         self._asked: dict[int, tuple[str, ...]] = {}
@@ -143,23 +141,10 @@ class MqttBus:
         Raises:
             MessageTooLargeError: the broker has told that it takes none of this size.
         """
-        self.check_size(topic, len(payload), qos)
+        self.limit.check(topic, len(payload), qos)
         self._wait_for(self._may_send)
         data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
         self._paho.send(topic, data, qos, retain=retain)
-
-    def check_size(self, topic: str, payload_bytes: int, qos: int) -> None:
-        """Whether the broker takes a message of this size, as far as it has told.
-
-        Raises:
-            MessageTooLargeError: it does not.
-        """
-        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self.limit_bytes or MQTT_LIMIT_BYTES
-        if size_bytes > limit_bytes:
-            raise MessageTooLargeError(
-                f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "
-                "raise its limit (--max-message-mb), or make what is sent smaller (network, weights_codec)"
-            )
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
@@ -203,7 +188,7 @@ class MqttBus:
     def _may_send(self) -> bool:
         return self._unsent_bytes < UNSENT_LIMIT_BYTES and self._unsent_messages < UNSENT_LIMIT_MESSAGES
 
-    def _wait_for(self, condition: Any, timeout_s: float | None = None) -> bool:
+    def _wait_for(self, condition: Callable[[], bool], timeout_s: float | None = None) -> bool:
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
             while not condition():
@@ -217,11 +202,11 @@ class MqttBus:
                         raise self._unreachable()
                 if deadline_s is not None and deadline_s <= now_s:
                     return False
-                self._awaits_answer = True
+                self._awaited = condition
                 if not self._inbox.has_room(now_s):
                     self._paho.look_again()
                 self._changed.wait(min(waits_s, default=None))
-                self._awaits_answer = False
+            self._awaited = None
         return True
 
     def _unreachable(self) -> BrokerUnreachableError:
@@ -232,7 +217,8 @@ class MqttBus:
 
     def _ask(self, filters: tuple[str, ...]) -> None:
         asked = [(filter_, self._filters[filter_]) for filter_ in filters]
-        if not self._asked_for_limits:  # a broker that tells none, or not to this client, is as good
+        # A broker that tells none, or not to this client, is as good; one may close the connection at the question.
+        if not self._asked_for_limits and self._unanswered < CONNECTIONS // 2:
             asked.append((topics.BROKER_LIMITS, 0))
             self._asked_for_limits = True
         mid = self._paho.subscribe(asked)[1]
@@ -267,7 +253,7 @@ class MqttBus:
         client.has_room = self._has_room
         client.on_queued = self._on_queued
         client.on_settled = self._on_settled
-        client.on_not_taken = self._on_not_taken
+        client.on_not_taken = self.limit.not_taken
         client.on_failure = self._on_failure
         return client
 
@@ -280,7 +266,7 @@ class MqttBus:
             else:
                 self._connected = True
                 self.connections += 1
-                self.limit_bytes, self._asked_for_limits = None, False
+                self.limit.told_bytes, self._asked_for_limits = None, False
                 if self._filters:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
@@ -292,6 +278,8 @@ class MqttBus:
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
+            unanswered = tuple(filter_ for filters in self._asked.values() for filter_ in filters)
+            self._unanswered = self._unanswered + 1 if unanswered else self._unanswered
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
                 self._why_lost = f"connection lost: {reason}"
@@ -300,9 +288,15 @@ class MqttBus:
             self._granted.clear()
             self._asked.clear()
             self._changed.notify_all()
+        if self._unanswered >= CONNECTIONS:
+            raise ConfigurationError(
+                f"broker {self._address} refused the subscription to {', '.join(unanswered)}: it closed the connection "
+                f"{CONNECTIONS} times in a row without an answer"
+            )
 
     def _on_subscribe(self, _client: Any, _data: Any, mid: int, reasons: Any, _properties: Any) -> None:
         with self._changed:
+            self._unanswered = 0
             for filter_, reason in zip(self._asked.pop(mid, ()), reasons, strict=False):
                 self._granted[filter_] = reason.value
             self._changed.notify_all()
@@ -317,30 +311,19 @@ class MqttBus:
 
     def _on_received(self, topic: str, payload: memoryview, retained: bool, packet_bytes: int) -> None:
         if topic == topics.BROKER_LIMITS:
-            self._learn_limits(payload)
+            self.limit.learn(payload)
+            for waiting in self._paho.backlog():
+                self.limit.check(*waiting)
             return
         self.meter.count(self.client, topic, "in", len(payload), packet_bytes)
         with self._changed:
             self._inbox.put(Message(topic, payload, retained))
             self._changed.notify_all()
 
-    def _learn_limits(self, payload: memoryview) -> None:
-        try:
-            self.limit_bytes = BrokerLimits.model_validate_json(bytes(payload)).message_bytes
-        except ValidationError as error:
-            logger.warning("ignored a message on %s: %s", topics.BROKER_LIMITS, error.errors()[0]["msg"])
-        for waiting in self._paho.backlog():
-            self.check_size(*waiting)
-
     def _has_room(self) -> bool:
         with self._changed:
-            return self._awaits_answer or self._inbox.has_room(time.monotonic())
-
-    def _on_not_taken(self, topic: str, packet_bytes: int) -> None:
-        raise MessageTooLargeError(
-            f"message of {packet_bytes} bytes on {topic}: broker {self._address} closed the connection {CONNECTIONS} "
-            "times in a row while this was sent or before it was acknowledged; its limit may be below: see its log"
-        )
+            awaits = self._awaited is not None and not self._awaited()
+            return awaits or self._inbox.has_room(time.monotonic())
 
     def _on_queued(self, payload_bytes: int) -> None:
         with self._changed:

@@ -39,8 +39,8 @@ def check_largest_message(bus: MqttBus, scenario: Scenario, run: str) -> None:
         log.info("the largest message is not tried: %s", error)
         return
     came = _comes_around(bus, probe, 0, ANSWER_S)  # what the broker tells of its limits comes before this
-    bus.check_size(topic, size_bytes, 1)
-    if came and bus.limit_bytes is None:
+    bus.limit.check(topic, size_bytes, 1)
+    if came and bus.limit.told_bytes is None:
         _try(bus, probe, size_bytes, topic)
     bus.unsubscribe(probe)
 

@@ -5,6 +5,7 @@ Packets as in MQTT 3.1.1, chapters 2 and 3.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import threading
@@ -16,7 +17,7 @@ import pytest
 
 import common.inbox
 from common import topics
-from common.errors import MessageTooLargeError
+from common.errors import ConfigurationError, MessageTooLargeError
 from common.mqtt import MqttBus
 from common.suspects import CONNECTIONS
 
@@ -365,6 +366,26 @@ def test_unread_messages_are_not_acknowledged_beyond_the_budget_and_the_connecti
     bus.close()
 
 
+def test_a_client_that_hears_without_a_pause_still_says_that_it_lives(played):
+    pinged = threading.Event()
+
+    def script(accept: Callable[[], Peer]) -> None:
+        peer = accept()
+        peer.accept()
+        peer._sock.settimeout(0.01)
+        while True:
+            peer._sock.sendall(b"\x30\x04\0\1ax")
+            with contextlib.suppress(TimeoutError):
+                if peer._sock.recv(1) == b"\xc0":
+                    break
+        pinged.set()
+        peer.close()
+
+    bus = played(script)
+    bus._paho._keepalive = 1
+    assert pinged.wait(LIMIT_S)
+
+
 def test_an_answer_that_stands_behind_what_nobody_reads_comes(played, monkeypatch):
     monkeypatch.setattr(common.inbox, "BUDGET_BYTES", 1)
 
@@ -383,6 +404,40 @@ def test_an_answer_that_stands_behind_what_nobody_reads_comes(played, monkeypatc
     bus.subscribe("c")
     assert [bus.receive(LIMIT_S).payload[0] for _ in range(20)] == list(range(1, 21))
     bus.close()
+
+
+def test_a_broker_that_closes_the_connection_at_each_subscribe_refuses_it(played):
+    def script(accept: Callable[[], Peer]) -> None:
+        for _ in range(CONNECTIONS):
+            peer = accept()
+            peer.accept()
+            peer.read()
+            peer.close()
+
+    bus = played(script)
+    with pytest.raises(ConfigurationError, match=f"refused the subscription to a: .* {CONNECTIONS} times"):
+        bus.subscribe("a")
+
+
+def test_a_broker_that_minds_being_asked_for_its_limits_is_not_asked_again(played):
+    asked = []
+
+    def script(accept: Callable[[], Peer]) -> None:
+        while True:
+            peer = accept()
+            peer.accept()
+            packet = peer.read()
+            asked.append(topics.BROKER_LIMITS.encode() in packet.body)
+            if not asked[-1]:
+                break
+            peer.close()
+        peer.answer(packet)
+        peer.serve()
+
+    bus = played(script)
+    bus.subscribe("a")
+    bus.close()
+    assert asked == [True, True, False]
 
 
 def test_packet_identifiers_of_messages_under_way_are_not_used_again(played):

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from common.broker_url import BrokerAddress
 from common.bus import MemoryBus, MemoryHub, Message
 from common.errors import ConfigurationError, MessageTooLargeError
 from common.scenario import Scenario, load_scenario
+from common.size_limit import SizeLimit
 from fleet import preflight
 from fleet.preflight import check_largest_message, largest_message
 
@@ -21,8 +23,8 @@ TOY_BYTES = 4 * ((4 * 4 * 4 * 8 + 8) + (3 * 3 * 8 * 16 + 16) + (240 * 32 + 32) +
 class Bus(MemoryBus):
     """To a broker that acknowledges what is larger than `drops_over` and drops it, or tells its limit, or is deaf."""
 
-    drops_over: int = 10**9
-    limit_bytes: int | None = None
+    limit: SizeLimit
+    drops_over = 10**9
     is_deaf = False
     loses = 0
 
@@ -36,15 +38,12 @@ class Bus(MemoryBus):
     def receive(self, timeout_s: float | None = None) -> Message | None:
         return None if self.is_deaf else super().receive(timeout_s)
 
-    def check_size(self, topic: str, payload_bytes: int, qos: int) -> None:
-        if self.limit_bytes is not None and payload_bytes > self.limit_bytes:
-            raise MessageTooLargeError(f"{payload_bytes} on {topic}: told")
-
 
 @pytest.fixture
 def bus() -> Bus:
     hub = MemoryHub()
     hub._clients["recorder"] = bus = Bus("recorder", hub)
+    bus.limit = SizeLimit(BrokerAddress("broker", 1883))
     return bus
 
 
@@ -73,10 +72,11 @@ def test_a_broker_that_drops_it_is_named_with_topic_and_size(bus: Bus, scenario:
 
 
 def test_a_limit_that_is_told_is_enough(bus: Bus, scenario: Scenario) -> None:
-    bus.limit_bytes = TOY_BYTES
+    body_bytes = 2 + len("jouleswarm/r/maml/dl/meta") + 2 + TOY_BYTES
+    bus.limit.told_bytes = body_bytes
     check_largest_message(bus, scenario, "r")
-    bus.limit_bytes = TOY_BYTES - 1
-    with pytest.raises(MessageTooLargeError, match=f"{TOY_BYTES} on jouleswarm/r/maml/dl/meta: told"):
+    bus.limit.told_bytes = body_bytes - 1
+    with pytest.raises(MessageTooLargeError, match=f"message of {body_bytes} bytes on jouleswarm/r/maml/dl/meta: "):
         check_largest_message(bus, scenario, "r")
     assert TOY_BYTES not in bus.sent
 
