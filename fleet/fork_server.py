@@ -97,6 +97,8 @@ def run_module(order: Order) -> None:
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     os.close(descriptor)
+    for name in ("JOULESWARM_SET", "JOULESWARM_TASK"):  # the launcher has resolved them
+        os.environ.pop(name, None)
     sys.argv = [f"python -m {order.module}", *order.arguments]
     try:
         importlib.import_module(f"{order.module}.__main__").app()
