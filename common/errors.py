@@ -62,8 +62,6 @@ _USED_UP = {
     errno.ENFILE: "close other programs",
     errno.ENOMEM: "close other programs, or take fewer robots",
     errno.EAGAIN: "raise `ulimit -u`",
-    errno.ENOSPC: "make room, or name another folder",
-    errno.EDQUOT: "make room, or name another folder",
 }
 
 
@@ -93,7 +91,7 @@ def usable(what: str, path: Path | None, kind: type[JouleSwarmError] = Configura
 
 def _is_about(error: OSError, path: Path) -> bool:
     if not isinstance(error.filename, str | bytes | PathLike):
-        return error.errno in (errno.ENOSPC, errno.EDQUOT)  # of a file that is open, which has no name any more
+        return False
     named = Path(fsdecode(error.filename)).absolute()
     return named.is_relative_to(path) or path.is_relative_to(named)
 

@@ -36,9 +36,21 @@ def command_line() -> Iterator[None]:
         with one_line_errors(f"jouleswarm {shlex.join(sys.argv[1:2])}"):
             _check_packages()
             yield
-    except KeyboardInterrupt as stop:
+    except (KeyboardInterrupt, SystemExit) as end:
+        if (stop := _stop_behind(end)) is None:
+            raise
         print(str(stop) or "stopped", file=sys.stderr)
         raise SystemExit(STOPPED) from None
+
+
+def _stop_behind(end: BaseException) -> KeyboardInterrupt | None:
+    """The KeyboardInterrupt that made a command end; Typer makes an exit code of it."""
+    if isinstance(end, SystemExit) and end.code != STOPPED:
+        return None
+    error: BaseException | None = end
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _check_packages() -> None:

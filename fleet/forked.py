@@ -54,7 +54,7 @@ class ForkServer:
     def __init__(self, log: Path) -> None:
         self.log, self.is_gone = log, False
         self._children: dict[int, Forked] = {}
-        self._began: Forked | None = None
+        self._begun: list[Forked] = []
         self._heard = b""
         self._socket, theirs = socket.socketpair()
         command = [*command_of("fleet.fork_server"), str(theirs.fileno()), str(os.getpid())]
@@ -75,15 +75,14 @@ class ForkServer:
         Raises:
             RunError: the server is gone, or does not answer.
         """
-        self._began = None
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             self._socket.sendall(json.dumps(order).encode() + b"\n")
         deadline_s = time.monotonic() + _START_S
-        while self._began is None and not self.is_gone and (left_s := deadline_s - time.monotonic()) > 0:
+        while not self._begun and not self.is_gone and (left_s := deadline_s - time.monotonic()) > 0:
             self.listen(left_s)
-        if self._began is None:
+        if not self._begun:
             raise RunError(f"no process could be started: {self.told_end()}")
-        return self._began
+        return self._begun.pop()
 
     def listen(self, seconds: float) -> None:
         """Take what the server tells, waiting for so long at most."""
@@ -100,7 +99,8 @@ class ForkServer:
 
     def _take(self, told: dict[str, int]) -> None:
         if "began" in told:
-            self._began = self._children[told["began"]] = Forked(self, told["began"])
+            child = self._children[told["began"]] = Forked(self, told["began"])
+            self._begun.append(child)
         else:
             self._children.pop(told["ended"]).code = told["code"]
 

@@ -7,6 +7,7 @@ import datetime
 import importlib.metadata
 import json
 import platform
+import resource
 import secrets
 import shutil
 import subprocess
@@ -45,6 +46,7 @@ from fleet.view import View
 
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
+_BROKER_FILES = 16  # beside one a client
 RESTARTS = 20
 _WAIT_FOR_CHILDREN_S = 10.0
 
@@ -171,8 +173,19 @@ def _arithmetic_here() -> str:
 def _check(scenario: Scenario, options: Options) -> None:
     if options.broker is not None:
         parse_url(options.broker)
+    else:
+        _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
+
+
+def _check_open_files(clients: int) -> None:
+    allowed, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _BROKER_FILES + clients
+    if resource.RLIM_INFINITY != allowed < needed:
+        raise ConfigurationError(
+            f"open files: a process may have {allowed}, expected {needed} or more, for the broker's connections to "
+            f"{clients} clients; raise `ulimit -n`"
+        )
 
 
 def _deploy(

@@ -115,7 +115,9 @@ def test_a_directory_that_is_not_a_run(tmp_path) -> None:
         (MANIFEST, "{}", "run directory of schema None"),
         (MANIFEST, '{"schema": 2, "run": "x"}', "no 'scenario'"),
         (MANIFEST, '{"schema": 2, "run": "x", "scenario": {}}', "damaged"),
+        (MANIFEST, '{"schema": ' + "[" * 20_000 + "]" * 20_000 + "}", "nested too deeply"),
         (SUMMARY, "{", "cannot be read"),
+        (SUMMARY, "{}", "damaged, its status is None, expected complete, interrupted, failed"),
         (ROUNDS, '{"phase": "fl"}\n{}\n', "line 1: damaged"),
         (METER, '{"side": "bro', "line 1: damaged"),
         (PROGRESS, "{}\n", "line 1: damaged"),
@@ -133,6 +135,27 @@ def test_a_row_that_stands_twice_is_refused_and_not_billed_twice(complete) -> No
     (complete / ROUNDS).write_text("".join([*lines, lines[2]]))
     with pytest.raises(RunError, match=rf"rounds\.jsonl, line {len(lines) + 1}: round .* stands in line 3 already"):
         load_run(complete)
+
+
+def test_rows_of_a_later_version_are_not_called_damaged(complete) -> None:
+    manifest = json.loads((complete / MANIFEST).read_text())
+    manifest["versions"]["jouleswarm"] = "0.9.0"
+    (complete / MANIFEST).write_text(json.dumps(manifest))
+    load_run(complete)  # what it can read, it reads
+    rows = [json.loads(line) | {"loss": 0.1} for line in (complete / ROUNDS).read_text().splitlines()]
+    (complete / ROUNDS).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    with pytest.raises(RunError) as error:
+        load_run(complete)
+    assert str(error.value) == (
+        f"{complete}: written by version 0.9.0 of JouleSwarm, this is 0.1.0, which cannot read it; report it with the "
+        "version that wrote it"
+    )
+
+
+def test_figures_that_cannot_be_written_are_told_with_the_folder(complete) -> None:
+    (complete / "figures").touch()
+    with pytest.raises(RunError, match=r"run directory .*: File exists \(.*/figures\)"):
+        report(complete, figures=True, console=Console(quiet=True))
 
 
 def test_a_finished_run_must_have_its_rounds(complete) -> None:
