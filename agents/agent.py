@@ -6,6 +6,7 @@ collect -> learn -> evaluate -> share -> decide -> mix -> remember, round by rou
 
 from __future__ import annotations
 
+import logging
 import time
 
 from agents.centralized import follow
@@ -27,18 +28,37 @@ from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import NOTHING, Keep, Stateful
 
+log = logging.getLogger("jouleswarm.agent")
+
 
 def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = NOTHING) -> None:
     """Live the whole life of robot `agent` on a connected bus; with a folder to `keep` go on from where one was killed.
 
     Raises:
         ConfigurationError: another process is this robot.
-        RunError: the folder holds another robot's or scenario's state.
+        RunError: the folder holds another robot's or scenario's state, lacks what the others are further with, or who
+            is waited for does not come.
         TrainingError: a loss is not finite.
     """
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
+    done = 2 * len(scenario.arms) + 1
+    if memory.is_done:
+        log.warning("robot %d of run %s: %s", agent, run, memory.done_line)
+        exchange.announce(0)
+    else:
+        live(robot)
+        memory.finish()
+        exchange.see_off(done)
+    exchange.hand_over(done, stay=not keep.at_the_end and keep.folder is not None)
+    memory.clear()
+    exchange.leave()
+
+
+def live(robot: Robot) -> None:
+    """All arms of the scenario, or those that are left."""
+    scenario, exchange, memory = robot.scenario, robot.exchange, robot.memory
     robot.meta.listen(scenario.arms)
     exchange.join(scenario.arms)
     for index, arm in enumerate(scenario.arms):
@@ -48,7 +68,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
         if weights is None:
             weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
             memory.begin(arm.name, weights)
-        exchange.open_arm(arm, neighbourhood_of(scenario, agent, arm.method), 2 * index + 2)
+        exchange.open_arm(arm, neighbourhood_of(scenario, robot.agent, arm.method), 2 * index + 2)
         if not memory.has_ended(arm.name):
             exchange.announce(2 * index + 1)
             exchange.await_stage(2 * index + 1)
@@ -61,8 +81,6 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
         # Neighbours may still ask for the last round's weights again.
         exchange.announce(2 * index + 2)
         exchange.await_stage(2 * index + 2)
-    exchange.leave()
-    memory.clear()
 
 
 class Robot:

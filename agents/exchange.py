@@ -1,7 +1,8 @@
 """What a robot says and hears: the bus seen with the robot's words.
 
-Every wait ends when the condition holds, however late the others come: nothing is timed but the request
-to send again what has not come. A message that is not what its topic promises is refused and counted.
+Every wait ends when the condition holds, however late the others come: nothing is timed but the request to send again
+what has not come, and for how long somebody may be silent (see common/patience.py). A message that is not what its
+topic promises is refused and counted.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
-from common.errors import PayloadError
+from common.errors import PayloadError, RunError
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
-from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, read_model
+from common.patience import Patience
+from common.payloads import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json, read_model
 from common.reports import Reporter
 from common.settings import Bus as BusSettings
 from common.settings import Federation
@@ -31,6 +33,11 @@ from common.streams import WeightsDecoder, WeightsEncoder
 log = logging.getLogger("jouleswarm.agent")
 
 Arrived = dict[int, tuple[Weights, ModelHeader]]
+
+
+def names(agents: Sequence[int]) -> list[str]:
+    """Plain names of robots on the bus."""
+    return [f"agent-{agent}" for agent in agents]
 
 
 class Exchange:
@@ -63,7 +70,12 @@ class Exchange:
         self._subscriptions: list[str] = []
         self._gathered = 0
         self._is_back = False
-        self._listener = Listener(bus, settings.resend_after_s)
+        self.awaited_round = 0
+        """Of the open arm, that others are waited for; 0: none."""
+        self._listener = Listener(bus, settings.resend_after_s, Patience(bus, run, federation.give_up_after_s))
+        assert self._listener.patience is not None
+        self._listener.patience.place = lambda client: (self._stage, max(self._sent, default=0))
+        self._listener.patience.told = self._take_answer
         self.until = self._listener.until
         self.handlers = self._listener.handlers
         self.handlers |= {
@@ -103,16 +115,23 @@ class Exchange:
 
     def await_datacenter(self, stage: int) -> None:
         """Wait until the data center serves the arm that `stage` opens."""
-        self.until(lambda: self._datacenter_stage >= stage, lambda: "the data center to come")
+        condition, what = lambda: self._datacenter_stage >= stage, lambda: "the data center to come"
+        self.until(condition, what, whom=lambda: [topics.DATACENTER])
 
     def await_stage(self, stage: int) -> None:
-        """Wait until every neighbour has come as far as `stage`; serves requests meanwhile."""
+        """Wait until every neighbour has come as far as `stage`; serves requests meanwhile.
+
+        Raises:
+            RunError: one is so far ahead that it has been here with this robot.
+        """
         self._absence.begin()
 
         def behind() -> list[int]:
+            for each, reached in self._stages.items():
+                self._check_stage(each, reached, stage)
             return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
 
-        self.until(lambda: not behind(), lambda: f"robots {behind()} to come")
+        self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
 
     def open_arm(self, arm: Arm, here: Neighbourhood, end_stage: int) -> None:
         """Listen to the neighbours' weights of this arm, `here` being its neighbourhood.
@@ -146,6 +165,9 @@ class Exchange:
         """The neighbours' weights of `round_`, as they come out of the codec.
 
         All of them; unless going on without the missing is allowed: then `missed` tells whose have not come.
+
+        Raises:
+            RunError: a neighbour is so far ahead that it has been here with this robot.
         """
         arrived = self._arrived.setdefault(round_, {})
         self._absence.begin()
@@ -154,6 +176,8 @@ class Exchange:
             return [each for each in self.here.neighbours if each not in arrived]
 
         def waited_for() -> list[int]:
+            for each in missing():
+                self._check_stage(each, self._stages.get(each, 0), self._end_stage - 1)
             return [] if self.ahead else self._absence.waited_for([each for each in missing() if not self._past(each)])
 
         def ask() -> None:
@@ -161,9 +185,15 @@ class Exchange:
                 topic = topics.resend(self.run, self.arm, self.here.task, each)
                 self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
 
+        self.awaited_round = round_
         self.until(
-            lambda: not waited_for(), lambda: f"round {round_} of robots {missing()}", ask, at_once=self._is_back
+            lambda: not waited_for(),
+            lambda: f"round {round_} of robots {missing()}",
+            ask,
+            at_once=self._is_back,
+            whom=lambda: names(waited_for()),
         )
+        self.awaited_round = 0
         self._gathered, self._is_back, self.missed = round_, False, tuple(missing())
         self._arrived = {each: held for each, held in self._arrived.items() if each > round_}
         return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
@@ -204,10 +234,23 @@ class Exchange:
         """The cluster's learned weights, for the run directory."""
         self._reporter.deliver(topics.learned(self.run, self.arm, self.here.task), payload)
 
+    def see_off(self, done: int) -> None:
+        """Where no recorder keeps in mind who is done, wait until the neighbours know that nobody needs them either.
+
+        One that is killed before it knows comes back, and must find this robot.
+        """
+        if not self._reporter.has_recorder:
+            self.announce(done)
+            self.await_stage(done)
+
+    def hand_over(self, done: int, *, stay: bool) -> None:
+        """Hand in rows and byte counters, being at stage `done`; `stay`: until the whole run is recorded."""
+        word = Presence(agent=self.here.agent, stage=done, state="done")
+        self._reporter.hand_over(self._subscriptions, self._identity.presence, word, stay=stay)
+
     def leave(self) -> None:
-        """Hand in rows and byte counters and disconnect."""
-        presence = topics.presence(self.run, self.here.task, self.here.agent)
-        self._reporter.leave(self._subscriptions, presence)
+        """Disconnect."""
+        self._reporter.leave(self._identity.presence)
 
     def state(self) -> State:
         """The open arm's, at the end of a round: what neighbours may still ask for, and what the codec builds on."""
@@ -263,10 +306,31 @@ class Exchange:
             does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
             log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
-            self._datacenter_stage = presence.stage
+            self._datacenter_stage = max(self._datacenter_stage, presence.stage)
         elif presence.agent in self._stages:
-            self._stages[presence.agent] = presence.stage
+            self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
             self._absence.here(presence.agent)
+
+    @property
+    def _stage(self) -> int:
+        return self._identity.stage or 0
+
+    def _check_stage(self, agent: int, reached: int, stage: int) -> None:
+        # Nobody gets further than one stage ahead of a neighbour.
+        if reached > stage + 1 and not self._absence.is_tolerated:
+            raise self._left_behind(f"robot {agent}", f"at stage {reached}", f"stage {stage}")
+
+    def _take_answer(self, wait: Wait) -> None:
+        # Nor further than two rounds.
+        far = wait.round > self.awaited_round + 2 and (wait.stage - 1) // 2 == (self._stage - 1) // 2
+        if self.awaited_round and far and not self._absence.is_tolerated:
+            raise self._left_behind(wait.client, f"in round {wait.round} of {self.arm}", f"round {self.awaited_round}")
+
+    def _left_behind(self, who: str, there: str, here: str) -> RunError:
+        return RunError(
+            f"{who} is {there} already, and robot {self.here.agent} comes with {here}: its state is lost or of another "
+            f"time; give it the --state folder that it had in run {self.run}, or start all with an empty one"
+        )
 
     def _take_resend(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)

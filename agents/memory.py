@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import Any
 
 from common.learner import Weights
 from common.meter import Meter
-from common.scenario import Scenario
+from common.reports import HANDED_IN
+from common.scenario import CHANGES_NOTHING, Scenario
 from common.state import STATE_FILE, Keep, State, StateFile, Stateful
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
-_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*")
+_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}")
 
 
 class Memory:
@@ -27,7 +29,7 @@ class Memory:
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
         folder = keep.folder
         self._folder, self._keep, self._meter = folder, keep, meter
-        settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
+        settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
         owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
         self._file = None
         if folder is not None:
@@ -67,6 +69,25 @@ class Memory:
         if self._file is not None:
             states = {name: each.state() for name, each in kept.items()}
             self._write(arm, round_, {"start": State(), **states}, ended=ended)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the robot was done with all arms, and nobody needs it any more."""
+        return self._state is not None and "done" in self._place
+
+    def finish(self) -> None:
+        """The robot is done. Its rows and models are kept until the whole run is recorded."""
+        if self._file is not None:
+            now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
+            self._file.save(State.of({"place": State(values={"done": now})}))
+
+    @property
+    def done_line(self) -> str:
+        """For who starts a robot that is done."""
+        return (
+            f"done since {self._place['done']}: handing in again what it has learned; to learn anew delete "
+            f"{self._folder} or name another --run"
+        )
 
     def restore(self, arm: str, kept: Mapping[str, Stateful]) -> int:
         """Bring `kept` to where `save` left it; the round, 0 if none had been done."""

@@ -12,6 +12,10 @@ from common.methods import META_METHODS, Arm
 from common.payloads import RoundRequest, decode_json, encode_json, read_model
 
 
+def _data_center() -> list[str]:
+    return [topics.DATACENTER]
+
+
 class MetaLink:
     """What the robot's exchange says to and hears from a data center that meta-learns."""
 
@@ -46,6 +50,7 @@ class MetaLink:
         self._exchange.until(
             lambda: bool(due()) or self._wanted_of(method).first > t0,
             lambda: "the data center to ask for experience",
+            whom=_data_center,
         )
         rounds = sorted(due())
         self._again.pop(method, None)
@@ -70,9 +75,12 @@ class MetaLink:
                 request = RoundRequest(first=self._exchange.here.agent, last=self._exchange.here.agent)
                 self._exchange.publish(topics.meta_resend(self._exchange.run, arm.name), encode_json(request), qos=1)
 
-        self._exchange.until(lambda: arm.name in self._models or gone_by(), lambda: "the meta-model")
+        def what() -> str:
+            return "the meta-model"
+
+        self._exchange.until(lambda: arm.name in self._models or gone_by(), what, whom=_data_center)
         ask()
-        self._exchange.until(lambda: arm.name in self._models, lambda: "the meta-model", ask)
+        self._exchange.until(lambda: arm.name in self._models, what, ask, whom=_data_center)
         return self._models.pop(arm.name)
 
     def _take_collect(self, message: Message) -> None:

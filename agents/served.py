@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from agents.exchange import Exchange
+from agents.exchange import Exchange, names
 from common import topics
 from common.bus import Message
 from common.codecs import Tensors, Weights
@@ -58,7 +58,8 @@ class ServerLink:
             request = encode_json(RoundRequest(first=round_, last=round_))
             self._exchange.publish(topics.model_again(run, arm, here.task), request)
 
-        self._until(lambda: round_ in self._models, f"the data center's model of round {round_}", ask)
+        what = f"the data center's model of round {round_}"
+        self._until(lambda: round_ in self._models, what, ask, lambda: [topics.DATACENTER])
         tensors, header = self._models.pop(round_)
         self._models = {each: kept for each, kept in self._models.items() if each > round_}
         self._taken = round_
@@ -81,11 +82,16 @@ class ServerLink:
                 request = encode_json(RoundRequest(first=round_, last=round_))
                 self._exchange.publish(topics.resend(run, arm, here.task, each), request)
 
-        self._until(lambda: not missing(), f"episodes of round {round_}", ask)
+        what = f"episodes of round {round_}"
+        self._until(lambda: not missing(), what, ask, lambda: names(missing()))
         return self._episodes.pop(round_)
 
-    def _until(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
-        self._exchange.until(condition, lambda: what, ask, at_once=self._is_back)
+    def _until(
+        self, condition: Callable[[], bool], what: str, ask: Callable[[], None], whom: Callable[[], list[str]]
+    ) -> None:
+        self._exchange.awaited_round = self._round
+        self._exchange.until(condition, lambda: what, ask, at_once=self._is_back, whom=whom)
+        self._exchange.awaited_round = 0
 
     def state(self) -> State:
         """See `common.state.Stateful`."""

@@ -22,11 +22,12 @@ class Identity:
 
     def __init__(self, listener: Listener, run: str, task: int, agent: int, keepalive_s: float) -> None:
         self._listener, self._bus, self._agent = listener, listener.bus, agent
-        self._topic, self._presence = topics.claim(run, task, agent), topics.presence(run, task, agent)
+        self._topic, self.presence = topics.claim(run, task, agent), topics.presence(run, task, agent)
         self._who, self._patience_s = secrets.token_hex(8), 2 * keepalive_s
         self._holds = self._echoed = self._contested = self._somebody = False
-        self._stage: int | None = None
-        self.filters = [self._presence, self._topic]
+        self.stage: int | None = None
+        """Announced last; None before."""
+        self.filters = [self.presence, self._topic]
 
     def claim(self) -> None:
         """Become the robot. Waits for one that seems to be there and does not answer.
@@ -59,15 +60,15 @@ class Identity:
 
     def announce(self, stage: int) -> None:
         """Tell everybody how far this process has come."""
-        self._stage = stage
-        self._bus.publish(self._presence, encode_json(Presence(agent=self._agent, stage=stage)), retain=True)
+        self.stage = stage
+        self._bus.publish(self.presence, encode_json(Presence(agent=self._agent, stage=stage)), retain=True)
 
     def heard(self, presence: Presence) -> None:
         """What the bus says of this process itself: the last will of a lost connection is set right."""
         if not self._holds:
             self._somebody = presence.state == "here"
-        elif presence.state == "gone" and self._stage is not None:
-            self.announce(self._stage)
+        elif presence.state == "gone" and self.stage is not None:
+            self.announce(self.stage)
 
     def _waits_for(self) -> str:
         return "the broker" if not self._echoed else "the process before this one, which seems to be there, to end"

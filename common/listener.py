@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from common.bus import Bus, Message
 from common.errors import PayloadError
 from common.meter import publish_packet_bytes
+from common.patience import Patience
 
 log = logging.getLogger("jouleswarm.bus")
 
@@ -18,10 +19,10 @@ Take = Callable[[Message], None]
 class Listener:
     """Takes the messages of a bus. One thread. A message that is not what its topic promises is refused and counted."""
 
-    def __init__(self, bus: Bus, quiet_s: float) -> None:
-        """`quiet_s`: after so long without what is waited for it is asked for again."""
-        self.bus, self._quiet_s = bus, quiet_s
-        self.handlers: dict[str, Take] = {}
+    def __init__(self, bus: Bus, quiet_s: float, patience: Patience | None = None) -> None:
+        """`quiet_s`: after so long without what is waited for it is asked for again; `patience`: gives it up."""
+        self.bus, self._quiet_s, self.patience = bus, quiet_s, patience
+        self.handlers: dict[str, Take] = {} if patience is None else {"wait": patience.take}
         """What is done with a message, by the last level of its topic."""
         self.otherwise: Take = lambda message: None
         """What is done with all others."""
@@ -57,21 +58,31 @@ class Listener:
         ask_again: Callable[[], None] | None = None,
         *,
         at_once: bool = False,
+        whom: Callable[[], Sequence[str]] = tuple,
     ) -> None:
-        """Take messages until `condition` holds.
+        """Take messages until `condition` holds; `whom`: the clients that it takes for that.
 
         After each quiet spell say what is missing and ask for it; at once where the connection was lost meanwhile, for
         what was sent then has not come, or with `at_once`.
+
+        Raises:
+            RunError: nothing has come of it for too long (see common/patience.py).
         """
+        if self.patience is not None:
+            self.patience.begin()
         quiet_from, connections = time.monotonic(), self.bus.connections - at_once
         while not condition():
             # At least once a second, for conditions that hold by the clock.
             self.take_next(min(1.0, self._quiet_s) if connections == self.bus.connections else 0)
             if condition():
-                return
+                break
             lost = connections != self.bus.connections
             if lost or time.monotonic() - quiet_from >= self._quiet_s:
                 log.info("waiting for %s", what())
                 if ask_again is not None:
                     ask_again()
+                if self.patience is not None:
+                    self.patience.ask(whom(), what())
                 quiet_from, connections = time.monotonic(), self.bus.connections
+        if self.patience is not None:
+            self.patience.end()

@@ -34,6 +34,8 @@ MAX_REWARD = 1e9
 make a learner's loss infinite."""
 MAX_COUNT = 2**53
 """Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
+MAX_TOLD = 300
+"""Characters that a process may use to say what it waits for."""
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 Reward = Annotated[float, Field(ge=-MAX_REWARD, le=MAX_REWARD, allow_inf_nan=False)]
@@ -84,11 +86,15 @@ class MotionHeader(Header):
 
 
 class Presence(Header):
-    """Where a robot stands: `stage` only grows while it lives (see agents/agent.py)."""
+    """Where a process stands: its `stage` only grows (see agents/agent.py).
+
+    done: it has ended, and nobody needs it any more; the recorder removes this when the run is over. Of the recorder
+    itself, that the whole run is recorded.
+    """
 
     agent: Count
     stage: Count = 0
-    state: Literal["here", "gone"] = Field("here", description="gone: the last will of a process that died")
+    state: Literal["here", "gone", "done"] = Field("here", description="gone: the last will of a process that died")
 
 
 class RoundRequest(Header):
@@ -111,6 +117,17 @@ class Claim(Header):
     agent: int = Field(ge=0)
     who: str = Field(description="random name of the process")
     holds: bool = Field(False, description="the answer of one that was there before")
+
+
+class Wait(Header):
+    """How a process that others wait for is, and what it waits for itself (see common/patience.py)."""
+
+    client: str = Field(max_length=100)
+    asks: bool = Field(False, description="whether it wants an answer")
+    what: str = Field("", max_length=MAX_TOLD, description="that it waits for; empty: it is at work")
+    quiet_s: float = Field(0.0, ge=0, allow_inf_nan=False, description="for how long nothing has come of its wait")
+    stage: Count = Field(0, description="that it has come to")
+    round: Count = Field(0, description="of that stage's arm, that it has come to")
 
 
 class Episode(Header):

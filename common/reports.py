@@ -3,6 +3,9 @@
 Rows go out as they are made, for who watches; that they are all written down is sure only by the report at the end,
 which holds them all. It goes in pieces, so that no message grows with the rounds, each sent until the recorder has
 acknowledged it. Without a recorder nobody waits for one.
+
+A recorder that comes anew, because all was broken off and started again, has nothing of what was told before. So what
+was handed in is kept beside the rows until the whole run is recorded; who has a folder to clear stays that long.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ import secrets
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, pairwise
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -21,6 +25,7 @@ from common.listener import Listener
 from common.meter import MeterRow
 from common.payloads import MAX_COUNT, Acknowledgement, Count, Presence, decode_json, encode_json
 from common.runlog import RoundRow
+from common.state import write_whole
 from common.topics import Link
 from common.work import WorkRow
 
@@ -28,6 +33,12 @@ PIECE_BYTES = 256 * 1024
 """What a piece of a report is filled to; one holds a row at least."""
 MAX_REPORT_BYTES = 4 * PIECE_BYTES
 """The largest piece that is taken."""
+
+
+HANDED_IN = ".handed-in"
+"""Ending of a file with what was handed in, named after its topic; `RECORDED_BY` is one that says that a recorder was
+heard of."""
+RECORDED_BY = "recorder" + HANDED_IN
 
 
 class Telemetry(BaseModel):
@@ -67,9 +78,14 @@ class Reporter:
         self._listener, self._bus, self._run, self._file = listener, listener.bus, run, rows
         self._lines: list[bytes] = []  # where there is no file
         if rows is not None:
+            rows.parent.mkdir(parents=True, exist_ok=True)
             whole_lines(rows)
         self._acknowledged: set[tuple[str, str]] = set()
-        self._recorded = False
+        self._parts: set[tuple[str, str]] = set()  # of the report that was handed in last
+        self._recorded = False  # by one that is there
+        self._is_over = False
+        self.has_recorder = rows is not None and (rows.parent / RECORDED_BY).exists()
+        """Whether the run has, or had, a recorder."""
         listener.handlers |= {"ack": self._take_acknowledgement, "here": self._take_recorder}
         self._bus.subscribe(topics.recorder(run), topics.acknowledgement(run, self._bus.client))
 
@@ -85,29 +101,67 @@ class Reporter:
         telemetry = Telemetry(row=row, received=received)
         self._bus.publish(topics.telemetry(self._run, row.arm, self._bus.client), encode_json(telemetry))
 
-    def deliver(self, topic: str, payload: Payload, part: str = "") -> None:
+    def deliver(self, topic: str, payload: Payload) -> None:
         """Give the recorder, if there is one, something that it must not miss."""
+        if self._file is not None:
+            name = quote(topic.split("/", 2)[2], safe="") + HANDED_IN  # without root and run
+            write_whole(self._file.parent / name, payload, durable=False)
+        self._deliver(topic, payload)
+
+    def hand_over(self, filters: Sequence[str], presence: str, done: Presence, *, stay: bool) -> None:
+        """Hear nothing more, then hand in rows and byte counters, final from there on.
+
+        `done`: what stays at `presence`, while there is a recorder, for those who come back; who is to `stay` until it
+        has the whole run, and to hand in again to one that comes anew, is still here.
+        """
+        if filters:
+            self._bus.unsubscribe(*filters)
+        word = done.model_copy(update={"state": "here"}) if stay else done
+        self._bus.publish(presence, encode_json(word) if self.has_recorder else b"", retain=True)
+        self._bus.flush()
+        # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
+        self._hand_in()
+        while stay and self.has_recorder and not self._is_over:
+            self._await_recorder(lambda: self._is_over or self._misses_something(), "the whole run to be recorded")
+            if not self._is_over:
+                self._hand_in()
+
+    def leave(self, presence: str) -> None:
+        """Disconnect; when the whole run is recorded there is no more to say."""
+        if self._is_over:
+            self._bus.publish(presence, b"", retain=True)
+        self._bus.close()
+
+    def _hand_in(self) -> None:
+        """Give the recorder all that it has not acknowledged to this process, the report at last."""
+        kept = sorted(self._file.parent.glob(f"*%2F*{HANDED_IN}")) if self._file is not None else ()
+        for path in kept:
+            topic = f"{topics.ROOT}/{self._run}/{unquote(path.name.removesuffix(HANDED_IN))}"
+            if (topic, "") not in self._acknowledged:
+                self._deliver(topic, path.read_bytes())
+        report = topics.meter_report(self._run, self._bus.client)
+        self._parts.clear()
+        for piece in self._pieces():
+            self._parts.add((report, piece.part))
+            self._deliver(report, encode_json(piece), piece.part)
+            self._bus.flush()  # without a recorder as well: one piece at a time is in memory
+
+    def _deliver(self, topic: str, payload: Payload, part: str = "") -> None:
         self._acknowledged.discard((topic, part))
 
         def send() -> None:
             self._bus.publish(topic, payload)
 
         send()
-        self._listener.until(lambda: self._is_known(topic, part), lambda: f"the recorder to take {topic}", send)
-        self._acknowledged.discard((topic, part))
+        self._await_recorder(lambda: self._is_known(topic, part), f"the recorder to take {topic}", send)
 
-    def leave(self, filters: Sequence[str], presence: str) -> None:
-        """Hear nothing more, then hand in rows and byte counters, final from there on, and disconnect."""
-        if filters:
-            self._bus.unsubscribe(*filters)
-        self._bus.publish(presence, b"", retain=True)
-        self._bus.flush()
-        # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
-        topic = topics.meter_report(self._run, self._bus.client)
-        for piece in self._pieces():
-            self.deliver(topic, encode_json(piece), piece.part)
-            self._bus.flush()  # without a recorder as well: one piece at a time is in memory
-        self._bus.close()
+    def _await_recorder(
+        self, condition: Callable[[], bool], what: str, ask_again: Callable[[], None] | None = None
+    ) -> None:
+        self._listener.until(condition, lambda: what, ask_again, whom=lambda: [topics.RECORDER])
+
+    def _misses_something(self) -> bool:
+        return self._recorded and not self._parts <= self._acknowledged
 
     def _pieces(self) -> Iterator[MeterReport]:
         """The report: counters and work first, then the rows as they are read."""
@@ -135,7 +189,14 @@ class Reporter:
         self._acknowledged.add((told.topic, told.part))
 
     def _take_recorder(self, message: Message) -> None:
-        self._recorded = bool(message.payload) and decode_json(message.payload, Presence).state == "here"
+        state = decode_json(message.payload, Presence).state if message.payload else "gone"
+        self._recorded, self._is_over = state == "here", state == "done"
+        if self._recorded:
+            self.has_recorder = True
+            if self._file is not None:
+                (self._file.parent / RECORDED_BY).touch()
+        else:
+            self._acknowledged.clear()  # one that comes may be another
 
 
 Row = MeterRow | WorkRow | RoundRow

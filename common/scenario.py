@@ -16,6 +16,14 @@ from common.maps import TaskMap, parse_map
 from common.methods import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
 from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Network, Section, Task, World
 
+CHANGES_NOTHING: dict[str, bool | set[str]] = {
+    "name": True,
+    "energy": True,
+    "bus": True,
+    "federation": {"give_up_after_s"},
+}
+"""Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
+
 
 class Scenario(Section):
     """A whole experiment. Build one with `load_scenario`."""

@@ -18,7 +18,7 @@ Level = int | str  # an id, or "+" in a filter
 
 SHARED = "all"  # the arm level of control traffic that serves every arm
 
-RECORDER = "recorder"
+DATACENTER, RECORDER = "datacenter", "recorder"  # plain names of clients
 
 # What the broker tells: its totals and its limits (both retained, see `common.snapshot`); and the question for a run's
 # counters. A report cannot count itself, so neither these nor `broker_answer` and `meter_report` are ever metered.
@@ -153,6 +153,11 @@ def recorder(run: str) -> str:
 def acknowledgement(run: str, client: str) -> str:
     """What the recorder has written down of a client's. As of reports, nobody's counters hold it."""
     return f"{ROOT}/{run}/meter/{client}/ack"
+
+
+def wait(run: str, client: str) -> str:
+    """Asks a client how it is, or tells it how one is that it asked; the recorder hears of all waits. Not metered."""
+    return f"{ROOT}/{run}/meter/{client}/wait"
 
 
 def claim(run: str, task: int, agent: int) -> str:

@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 from pathlib import Path
 
-from common.scenario import Scenario
+from common.scenario import CHANGES_NOTHING, Scenario
 from common.state import State, StateFile, Stateful, sync, write_whole
 
 _FINISHED = "finished"
@@ -91,5 +91,5 @@ class Checkpoint:
 
 def owner_of(scenario: Scenario, run: str, method: str) -> str:
     """Of all that a method's state depends on: it goes on bit by bit only where this is the same."""
-    settings = scenario.model_dump_json(exclude={"name", "energy", "bus"})
+    settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
     return hashlib.sha256(f"{run} {method} {settings}".encode()).hexdigest()

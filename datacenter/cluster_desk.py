@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -12,10 +11,10 @@ from common import topics
 from common.bus import Message, Payload
 from common.errors import PayloadError
 from common.listener import Listener
-from common.payloads import RoundRequest, decode_json, encode_json
+from common.payloads import RoundRequest, Wait, decode_json, encode_json
 from common.scenario import Scenario
 from common.state import State
-from datacenter.desk import Desk, log
+from datacenter.desk import Desk, names
 
 T = TypeVar("T")
 
@@ -64,7 +63,7 @@ class ClusterDesk(Desk, Generic[T]):
         self._rounds = dict.fromkeys(scenario.clusters, 1)
         self._arrived: dict[tuple[int, int, int], dict[int, T]] = {}  # (task, round, robot) -> place -> content
         self._answers: dict[int, tuple[int, bytes]] = {}
-        self._quiet_from, self._asked_on = time.monotonic(), self._bus.connections
+        self._asked_on = self._bus.connections
         up = topics.weights_up if self._word == "weights" else topics.experience
         self.subscriptions += [
             *(up(run, arm, task, agent) for task, cluster in scenario.clusters.items() for agent in cluster),
@@ -73,12 +72,16 @@ class ClusterDesk(Desk, Generic[T]):
 
     def next_round(self) -> Turn[T] | None:
         """The next cluster's round that is complete; None once every robot is done."""
-        while not self.all_reached(self._done):
-            for task in self._rounds:
-                if not self._missing(task):
-                    return self._turn(task)
-            self._wait()
-        return None
+        self._listener.until(
+            lambda: self.all_reached(self._done) or self._complete() is not None,
+            lambda: ", ".join(f"round {self._rounds[task]} of robots {self._awaited(task)}" for task in self._open()),
+            self._ask_for_missing,
+            at_once=self._asked_on != self._bus.connections,  # what was sent meanwhile, or before, has not come
+            whom=lambda: names(each for task in self._open() for each in self._awaited(task)),
+        )
+        self._asked_on = self._bus.connections
+        task = None if self.all_reached(self._done) else self._complete()
+        return None if task is None else self._turn(task)
 
     def state(self, task: int) -> State:
         """A cluster's: its rounds done, and the last answer for who asks again."""
@@ -89,7 +92,7 @@ class ClusterDesk(Desk, Generic[T]):
         """Take up what `state` returned."""
         self._answers[task] = state.values["round"], state.arrays["answer"].tobytes()
         self._rounds[task] = state.values["round"] + 1
-        self._asked_on = -1  # ask at once
+        self._asked_on = -1
 
     def answer(self, turn: Turn[T], payload: bytes) -> None:
         """The model of a cluster's round; kept until the next one in case somebody asks again. `send` sends it."""
@@ -127,7 +130,6 @@ class ClusterDesk(Desk, Generic[T]):
         is_new = place not in arrived
         if is_new:
             arrived[place] = content
-        self._quiet_from = time.monotonic()
         return is_new
 
     def _turn(self, task: int) -> Turn[T]:
@@ -137,6 +139,31 @@ class ClusterDesk(Desk, Generic[T]):
             task, round_, {agent: [parts[place] for place in sorted(parts)] for agent, parts in arrived.items()}
         )
 
+    def _complete(self) -> int | None:
+        """A cluster all of whose round has come."""
+        return next((task for task in self._rounds if not self._missing(task)), None)
+
+    def _open(self) -> list[int]:
+        """Clusters that somebody is waited for of."""
+        return [task for task in self._rounds if self._awaited(task)]
+
+    def _awaited(self, task: int) -> list[int]:
+        """Robots of a cluster that are to send its round, or to say that they are done."""
+        return [agent for agent in self._missing(task) if self._stages[agent] < self._done]
+
+    def _done_rounds(self, client: str) -> int:
+        robots = {f"agent-{agent}": task for task in self._rounds for agent in self._scenario.cluster(task)}
+        return self._rounds[robots[client]] - 1 if client in robots else 0
+
+    def place(self, client: str) -> tuple[int, int]:
+        return self._done - 1, self._done_rounds(client)
+
+    def told(self, wait: Wait) -> None:
+        # A robot gets no further than a round without this data center.
+        if wait.stage == self._done - 1 and wait.round > self._done_rounds(wait.client) + 2:
+            there = f"in round {wait.round} of {self._arm}"
+            raise self.left_behind(wait.client, there, f"{self._done_rounds(wait.client)} rounds of it")
+
     def _missing(self, task: int) -> list[int]:
         round_ = self._rounds[task]
         return [
@@ -145,18 +172,10 @@ class ClusterDesk(Desk, Generic[T]):
             if len(self._arrived.get((task, round_, agent), {})) < self._per_robot
         ]
 
-    def _wait(self) -> None:
-        wait_s = self._scenario.bus.resend_after_s
-        connections = self._bus.connections
-        self._listener.take_next(wait_s if self._asked_on == connections else 0)
-        # What was sent while the connection was lost, or before this process was there, has not come.
-        if self._asked_on == connections and time.monotonic() - self._quiet_from < wait_s:
-            return
-        self._quiet_from, self._asked_on = time.monotonic(), connections
-        for task in self._rounds:
-            for agent in self._missing(task):
-                if 0 <= self._stages[agent] < self._done:  # one that has not come yet needs no reminder
-                    log.info("waiting for round %d of robot %d", self._rounds[task], agent)
+    def _ask_for_missing(self) -> None:
+        for task in self._open():
+            for agent in self._awaited(task):
+                if self._stages[agent] >= 0:  # one that has not come yet needs no reminder
                     self._ask_again(task, agent)
 
     def _ask_again(self, task: int, agent: int) -> None:

@@ -10,7 +10,7 @@ from common.errors import PayloadError
 from common.listener import Listener
 from common.payloads import RoundRequest, decode_json, encode_json
 from common.scenario import Scenario
-from datacenter.desk import Desk
+from datacenter.desk import Desk, names
 from datacenter.motions import Motion, read_motion
 
 
@@ -19,6 +19,7 @@ class Collector(Desk):
 
     def __init__(self, listener: Listener, scenario: Scenario, run: str, method: str) -> None:
         super().__init__(listener, scenario, run, method)
+        self._ready = 2 * scenario.arm_names.index(method) + 1
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
         self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
         self._asked_for_model: dict[tuple[str, int], None] = {}  # in the order of asking, each once
@@ -39,12 +40,17 @@ class Collector(Desk):
         self._bus.publish(topic, encode_json(RoundRequest(first=first, last=last)), retain=True)
 
     def collect(self, round_: int) -> dict[int, list[list[Motion]]]:
-        """Training task -> one list of motions, in order, for each of its robots (but those that are left out)."""
+        """Training task -> one list of motions, in order, for each of its robots (but those that are left out).
+
+        Raises:
+            RunError: a robot is past this method's stage.
+        """
         asked = itertools.count(1)
         self._listener.until(
             lambda: not self._missing(round_),
             lambda: f"round {round_} of robots {self._missing(round_)}",
             lambda: self._ask_again(round_, self._missing(round_), begun_only=next(asked) == 1),
+            whom=lambda: names(self._missing(round_)),
         )
         self._collected = round_
         arrived = self._motions.pop(round_, {})
@@ -55,18 +61,22 @@ class Collector(Desk):
             for task, agents in self._scenario.training_agents.items()
         }
 
-    def robots_that_missed_a_model(self, stage: int) -> list[tuple[str, int]] | None:
-        """(arm, robot) of those that ask for a meta-model again; None once every robot has come as far as `stage`."""
-        while not self._asked_for_model:
-            if self.all_reached(stage):
-                return None
-            self._listener.take_next(self._scenario.bus.resend_after_s)
+    def robots_that_missed_a_model(self) -> list[tuple[str, int]] | None:
+        """(arm, robot) of those that ask for a meta-model again; None once every robot has begun to adapt it."""
+        self._listener.until(
+            lambda: bool(self._asked_for_model) or self.all_reached(self._ready),
+            lambda: f"robots {self.behind(self._ready)} to take the meta-model",
+            whom=lambda: names(self.behind(self._ready)),
+        )
         asked, self._asked_for_model = self._asked_for_model, {}
-        return list(asked)
+        return list(asked) or None
 
     def _missing(self, round_: int) -> list[int]:
         arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
         behind = [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
+        for agent in behind:
+            if self._stages[agent] >= self._ready:
+                raise self.left_behind(f"robot {agent}", "past meta-learning", f"round {round_} of it")
         # A task that nothing has ever been heard of cannot be learned: that first round is waited for.
         return [agent for agent in behind if round_ == 1 or not self.is_left_out(agent)]
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterable
 
 from common import topics
 from common.bus import Message
-from common.errors import PayloadError
+from common.errors import PayloadError, RunError
 from common.listener import Listener
-from common.payloads import Presence, decode_json
+from common.payloads import Presence, Wait, decode_json
 from common.scenario import Scenario
 
 log = logging.getLogger("jouleswarm.datacenter")
+
+
+def names(agents: Iterable[int]) -> list[str]:
+    """Plain names of robots on the bus."""
+    return [f"agent-{agent}" for agent in agents]
 
 
 class Desk:
@@ -32,7 +38,31 @@ class Desk:
     def listen(self) -> None:
         """Begin to hear."""
         self._listener.otherwise = self.take
+        if self._listener.patience is not None:
+            self._listener.patience.place, self._listener.patience.told = self.place, self.told
         self._bus.subscribe(*self.subscriptions, qos=self._scenario.bus.qos)
+
+    def behind(self, stage: int) -> list[int]:
+        """Robots that have not come as far as `stage`, but those that are left out."""
+        return [each for each, reached in self._stages.items() if reached < stage and not self.is_left_out(each)]
+
+    def place(self, client: str) -> tuple[int, int]:
+        """Stage and round that the data center has come to, for who asks (see common/patience.py)."""
+        return 0, 0
+
+    def told(self, wait: Wait) -> None:
+        """The answer of a robot that is waited for.
+
+        Raises:
+            RunError: it is further than it can be with this data center.
+        """
+
+    def left_behind(self, who: str, there: str, here: str) -> RunError:
+        """A robot is further than it can be with this data center."""
+        return RunError(
+            f"{who} is {there} already, and the data center comes with {here}: its state is lost or of another time; "
+            f"give it the --state folder that it had in run {self._run}, or start all with an empty one"
+        )
 
     def leave(self) -> None:
         """Hear nothing more."""
@@ -40,7 +70,7 @@ class Desk:
 
     def all_reached(self, stage: int) -> bool:
         """Whether every robot of the scenario, but those that are left out, has come as far as `stage`."""
-        return all(reached >= stage or self.is_left_out(agent) for agent, reached in self._stages.items())
+        return not self.behind(stage)
 
     def is_left_out(self, agent: int) -> bool:
         """Whether a robot has been gone for so long that the others go on without it (federation.on_missing)."""
@@ -67,5 +97,5 @@ class Desk:
                 log.warning("robot %d is gone; waiting for it to come back", presence.agent)
                 self._gone.setdefault(presence.agent, time.monotonic())
             elif presence.agent in self._stages:
-                self._stages[presence.agent] = presence.stage
+                self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
                 self._gone.pop(presence.agent, None)

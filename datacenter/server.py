@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import time
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,9 @@ from common.bus import Bus, Message
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
+from common.patience import Patience
 from common.payloads import ModelHeader, Presence, decode_json, encode_model
-from common.reports import Reporter
+from common.reports import HANDED_IN, Reporter
 from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.state import NOTHING, Keep
@@ -25,6 +27,8 @@ from datacenter.metalearner import Gradients, MetaLearner
 from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
 
+log = logging.getLogger("jouleswarm.datacenter")
+
 
 def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING) -> None:
     """Do the data center's part of every method, in the robots' order; with a folder to `keep` go on from where one was
@@ -32,11 +36,12 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
 
     Raises:
         ConfigurationError: another process is this run's data center.
-        RunError: the folder holds another scenario's state.
+        RunError: the folder holds another scenario's state, or lacks what the robots are further with.
         TrainingError: a gradient is not finite.
     """
     state = keep.folder
-    listener = Listener(bus, scenario.bus.resend_after_s)
+    patience = Patience(bus, run, scenario.federation.give_up_after_s)
+    listener = Listener(bus, scenario.bus.resend_after_s, patience)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
     identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
@@ -47,13 +52,18 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
         for method in scenario.methods
         if method in (*META_METHODS, *SERVICES)
     }
+    if checkpoints and all(checkpoint.is_finished for checkpoint in checkpoints.values()):
+        log.warning("the data center is done with run %s: handing in again; to learn anew delete %s", run, state)
     for method, checkpoint in checkpoints.items():
         if not checkpoint.is_finished:
             work = meta_train if method in META_METHODS else serve
             work(scenario, method, run, listener, identity, reporter, checkpoint)
-    reporter.leave(identity.filters, topics.presence(run, 0, 0))
+    done = Presence(agent=0, stage=2 * len(scenario.arms) + 1, state="done")
+    stay = not keep.at_the_end and state is not None
+    reporter.hand_over(identity.filters, identity.presence, done, stay=stay)
     if not keep.at_the_end:
         _forget(state, checkpoints)
+    reporter.leave(identity.presence)
 
 
 def hear_presence(message: Message, listener: Listener, identity: Identity) -> None:
@@ -107,8 +117,7 @@ def meta_train(
         bus.publish(topics.meta_model(run, arm.name), models[t0], qos=scenario.bus.qos)
     collector.announce_wanted(settings.t0 + 1, settings.t0 + 1)
     by_name = {arm.name: models[arm.t0] for arm in arms.values()}
-    ready = 2 * scenario.arm_names.index(method) + 1
-    while (asked := collector.robots_that_missed_a_model(ready)) is not None:
+    while (asked := collector.robots_that_missed_a_model()) is not None:
         for name, agent in asked:
             bus.publish(topics.meta_model(run, name, agent), by_name[name], qos=scenario.bus.qos)
     checkpoint.finish()
@@ -121,7 +130,7 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
     for checkpoint in checkpoints.values():
         checkpoint.clear()
     if state is not None:
-        for path in (state / "rounds.jsonl", *state.glob("counters*")):
+        for path in (state / "rounds.jsonl", *state.glob("counters*"), *state.glob(f"*{HANDED_IN}")):
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()

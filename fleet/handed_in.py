@@ -54,4 +54,5 @@ class HandedIn:
             raise RunError(f"the report of {piece.client} has over {MAX_ROWS} counters, expected one a topic it used")
         if report.is_whole:
             self.whole[piece.client] = report
+            del self._open[piece.client]
         return report.is_whole

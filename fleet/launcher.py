@@ -115,7 +115,7 @@ class Launcher:
         self._children[name], self._commands[name] = child, (module, arguments)
 
     def check(self) -> None:
-        """Notice a process that died: start it again if a signal ended it.
+        """Notice a process that died: start it again if a signal ended it, also one that it ended itself by.
 
         Raises:
             RunError: one ended with an error, or too often; the message holds the end of what it printed.
@@ -124,25 +124,31 @@ class Launcher:
         if self._broker is not None and self._broker.poll() is not None:
             ended["broker"] = self._broker.returncode
         for name, code in ended.items():
-            if code < 0 and self._restarted[name] >= self._restarts and self._may_miss(name):
-                self._miss(name, code)
-            elif code >= 0 or self._restarted[name] >= self._restarts:
+            number = signal_of(name, code)
+            if number is None:
                 raise RunError(f"{name} ended with code {code}: {self._tail(name)}")
+            if self._restarted[name] >= self._restarts:
+                if not self._may_miss(name):
+                    raise RunError(
+                        f"{name} ended with code {code}, by {number.name} from outside, and was started again "
+                        f"{self._restarted[name]} times: {self._tail(name)}"
+                    )
+                self._miss(name, number)
             elif time.monotonic() >= self._held.get(name, 0.0):
-                self._restart(name, code)
+                self._restart(name, number)
 
-    def _miss(self, name: str, code: int) -> None:
+    def _miss(self, name: str, number: signal.Signals) -> None:
         if name not in self._missed:
             self._missed.add(name)
-            self._told(f"{name} was ended by {signal.Signals(-code).name}; the others go on without it")
+            self._told(f"{name} was ended by {number.name}; the others go on without it")
 
     def hold(self, name: str, seconds: float) -> None:
         """Do not start a process again before so many seconds are over."""
         self._held[name] = time.monotonic() + seconds
 
-    def _restart(self, name: str, code: int) -> None:
+    def _restart(self, name: str, number: signal.Signals) -> None:
         self._restarted[name] += 1
-        self._told(f"{name} was ended by {signal.Signals(-code).name}; starting it again")
+        self._told(f"{name} was ended by {number.name}; starting it again")
         if name == "broker":
             self._run_broker(self._broker_command)
         else:
@@ -160,6 +166,14 @@ class Launcher:
     def _tail(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
         return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
+
+
+def signal_of(name: str, code: int) -> signal.Signals | None:
+    """The signal that ended a process: at once, or told by its exit code (see common/process.py)."""
+    if name == "broker" and code == 0:  # it ends in good order, and only when it is told to
+        return signal.SIGTERM
+    number = -code if code < 0 else code - 128
+    return signal.Signals(number) if number in signal.valid_signals() and number > 0 else None
 
 
 def _ensure_fork_server() -> None:

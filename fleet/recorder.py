@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from itertools import chain
@@ -12,7 +13,8 @@ from common import topics
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows, read_work
-from common.payloads import Acknowledgement, Presence, check_model, decode_json, encode_json
+from common.patience import Patience
+from common.payloads import Acknowledgement, Presence, Wait, check_model, decode_json, encode_json
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario
@@ -28,6 +30,8 @@ log = logging.getLogger("jouleswarm.recorder")
 CLIENT = topics.RECORDER
 Status = Literal["complete", "interrupted", "failed"]
 _PROGRESS_EVERY_S = 0.5
+_FAREWELL_S = 5.0
+_FORGOTTEN_AFTER = 3  # times bus.resend_after_s, after which a wait that is not told again is over
 
 
 class Recorder:
@@ -44,8 +48,15 @@ class Recorder:
         self._reports = HandedIn()
         self._received: dict[str, dict[topics.Link, int]] = {}
         self.refused = 0
-        self._is_late = False
         self._gone: dict[str, float] = {}
+        self._again: set[str] = set()
+        self._present: dict[str, Presence] = {}
+        self._waits: dict[str, tuple[float, Wait]] = {}
+        self.stages: dict[str, int] = {}
+        """How far each process has come (see agents/agent.py); 2 * arms + 1: done."""
+        self._patience = Patience(bus, run, scenario.federation.give_up_after_s)
+        self._patience.begin()
+        self._asked_s = self._begun
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
@@ -61,9 +72,21 @@ class Recorder:
 
     @property
     def waiting_for(self) -> list[str]:
-        """Processes that have not handed in their counters yet."""
-        left = [client for client in self._clients if client not in self._reports.whole]
+        """Processes that have not handed in their counters yet, or are back since."""
+        left = [client for client in self._clients if client not in self._reports.whole or client in self._again]
         return [] if all(self._is_left_out(client) for client in left) else left
+
+    @property
+    def waits(self) -> list[str]:
+        """Who waits for what, and for how long nothing has come of it, the longest first: what lasts, in words."""
+        now_s, after_s = time.monotonic(), self._scenario.bus.resend_after_s
+        told = [
+            (now_s - at_s + wait.quiet_s, f"{client} waits for {wait.what}")
+            for client, (at_s, wait) in self._waits.items()
+            if now_s - at_s < _FORGOTTEN_AFTER * after_s
+        ]
+        silent = [(self._patience.silent_s(client), f"nothing heard of {client}") for client in self._silent()]
+        return [f"{what} ({quiet_s:.0f} s)" for quiet_s, what in sorted([*told, *silent], reverse=True)]
 
     @property
     def received_bytes(self) -> dict[str, int]:
@@ -97,11 +120,20 @@ class Recorder:
         """Notice a process that died and has not come back.
 
         Raises:
-            RunError: one has been gone for longer than a lost connection may take to be won back.
+            RunError: one has been gone for longer than a lost connection may take to be won back, or nothing has been
+                heard of it for too long (federation.give_up_after_s).
         """
+        if time.monotonic() - self._asked_s >= self._scenario.bus.resend_after_s:
+            self._asked_s = time.monotonic()
+            if silent := self._silent():
+                self._patience.ask(silent, ", ".join(silent))
+            else:
+                self._patience.end()
         if self._scenario.federation.on_missing == "proceed":
             return
         for client, since_s in self._gone.items():
+            if client in self._reports.whole:  # all that it had to say is written down
+                continue
             if self.elapsed_s - since_s > self._scenario.bus.connect_timeout_s:
                 raise RunError(f"{client} died, its connection broke off; see what it printed")
 
@@ -110,6 +142,12 @@ class Recorder:
         """All processes that are to hand in counters."""
         robots = [f"agent-{agent}" for agent in self._scenario.agents]
         return [*robots, DATA_CENTER] if self._scenario.needs_datacenter else robots
+
+    def _silent(self) -> list[str]:
+        """Processes that are waited for, and have not been heard of for a while."""
+        after_s = self._scenario.bus.resend_after_s
+        waiting = (client for client in self.waiting_for if not self._is_left_out(client))
+        return [client for client in waiting if self._patience.silent_s(client) >= after_s]
 
     def _counted_by(self, client: str) -> list[MeterRow]:
         """The counters of a process that was killed or interrupted, as far as it has come."""
@@ -123,36 +161,42 @@ class Recorder:
         return self.elapsed_s - since_s > settings.missing_after_s
 
     def close(self, status: Status) -> None:
-        """Fetch the broker's counters and write meter and summary.
+        """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
 
         Raises:
             RunError: the broker has not answered; all the same everything is written, as of a run that failed.
         """
-        self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        if status != "complete":
+            self._bus.publish(topics.recorder(self._run), b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         settings, silent = self._scenario, None
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
+        clients, work = self._clients_rows(), self._work_done()
         try:
-            rows, source = self._broker.end(patience_s, is_late=self._is_late)
+            rows, source = self._broker.end(patience_s, clients)
         except RunError as error:
             rows, source = [], CLIENTS.format(why=error)
             status, silent = "failed" if status == "complete" else status, error
-        meter, work = [*rows, *self._clients_rows()], self._work_done()
+            self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        meter = [*rows, *clients, *self._bus.meter.rows()]
         self._directory.meter(meter)
         self._directory.work(work)
         self._directory.summary(
             summarise(settings, self._directory.rows, meter, work_rows=work, status=status, source=source)
         )
+        self._forget_done()
+        if status == "complete":
+            self._see_off()
         self._bus.close()
         if silent is not None:
             raise silent
 
     def _clients_rows(self) -> list[MeterRow]:
-        """What all processes have counted themselves, the recorder too."""
+        """What all processes but the recorder have counted themselves."""
         whole = self._reports.whole
         of_clients = (whole[each].rows if each in whole else self._counted_by(each) for each in self._clients)
-        return [*chain.from_iterable(of_clients), *self._bus.meter.rows()]
+        return list(chain.from_iterable(of_clients))
 
     def _work_done(self) -> list[WorkRow]:
         """What all processes have computed and moved."""
@@ -166,6 +210,27 @@ class Recorder:
         except PayloadError as error:
             self.refused += 1
             log.warning("refused a message on %s: %s", message.topic, error)
+
+    def _see_off(self) -> None:
+        """Tell who stayed that the run is recorded, and see them go; remove what those left who went before."""
+        word, present = topics.recorder(self._run), topics.presence(self._run, "+", "+")
+        self._bus.publish(word, encode_json(Presence(agent=0, state="done")), retain=True)
+        self._bus.subscribe(present)
+        until = time.monotonic() + _FAREWELL_S
+        while self._present and (left_s := until - time.monotonic()) > 0:
+            message = self._bus.receive(left_s)
+            if message is not None and message.topic.endswith("/presence"):
+                with contextlib.suppress(PayloadError):
+                    self._take_presence(message)
+                    self._forget_done()
+        if not self._present:  # else who comes late finds it
+            self._bus.publish(word, b"", retain=True)
+
+    def _forget_done(self) -> None:
+        """Remove the presences of processes that have gone, for good."""
+        for topic in [topic for topic, presence in self._present.items() if presence.state != "here"]:
+            del self._present[topic]
+            self._bus.publish(topic, b"", retain=True)
 
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
@@ -182,12 +247,16 @@ class Recorder:
             self._take_snapshot(message, topic.split("/")[4])
         elif kind == "presence":
             self._take_presence(message)
+        elif kind == "wait":
+            self._take_wait(message)
         else:
             report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
             check_report(report, kind, self._clients, self._scenario)
             self._directory.complete(report.rounds)
-            self._reports.take(report)
             self._gone.pop(report.client, None)
+            if self._reports.take(report):
+                self._again.discard(report.client)
+            self._heard(report.client)
             self._acknowledge(topic, report.client, report.part)
 
     def _acknowledge(self, topic: str, client: str, part: str = "") -> None:
@@ -203,16 +272,32 @@ class Recorder:
 
     def _take_presence(self, message: Message) -> None:
         if not message.payload:
+            self._present.pop(message.topic, None)
             return
         presence = decode_json(message.payload, Presence)
         check_presence(presence, message.topic, self._scenario, self._run)
+        self._present[message.topic] = presence
         client = client_of(presence.agent)
-        # Who was there before; on another connection the broker tells again of everybody.
-        self._is_late = self._is_late or (message.retained and presence.state == "here" and self._bus.connections == 1)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
+            self._again.discard(client)
         else:
             self._gone.pop(client, None)
+            self._heard(client)
+            self.stages[client] = max(self.stages.get(client, 0), presence.stage)
+            if presence.stage == 0 and client in self._reports.whole:  # killed since: what it counts now is to come
+                self._again.add(client)
+
+    def _take_wait(self, message: Message) -> None:
+        wait = decode_json(message.payload, Wait)
+        self._patience.take(message)
+        if wait.what:
+            self._waits[wait.client] = (time.monotonic(), wait)
+
+    def _heard(self, client: str) -> None:
+        """It has got on."""
+        self._patience.heard(client)
+        self._waits.pop(client, None)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         row = telemetry.row
@@ -221,6 +306,7 @@ class Recorder:
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
         self._gone.pop(client, None)
+        self._heard(client)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s
             self._directory.progress({"time_s": round(self.elapsed_s, 3), "bytes": self.received_bytes})

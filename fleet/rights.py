@@ -84,11 +84,13 @@ def recorder_rights() -> list[Right]:
         ("write", topics.recorder(_RUN)),
         ("write", topics.acknowledgement(_RUN, _ANY)),
         ("read", topics.acknowledgement(_RUN, RECORDER)),
+        *_waits(topics.RECORDER),
         ("read", topics.telemetry(_RUN, _ARM, _ANY)),
         ("read", topics.learned(_RUN, _ARM, _ANY)),
         ("read", topics.snapshot(_RUN, _ARM, _ANY)),
         ("read", topics.meter_report(_RUN, _ANY)),
         ("read", topics.presence(_RUN, _ANY, _ANY)),
+        ("write", topics.presence(_RUN, _ANY, _ANY)),  # it removes those of who is done
         ("read", topics.BROKER_METER),
         ("read", topics.broker_answer(_ANY)),
         ("read", topics.BROKER_LIMITS),
@@ -111,7 +113,13 @@ def _reports(client: str) -> list[Right]:
         ("write", topics.meter_report(_RUN, client)),
         ("read", topics.acknowledgement(_RUN, client)),
         ("read", topics.recorder(_RUN)),
+        *_waits(client),
     ]
+
+
+def _waits(client: str) -> list[Right]:
+    """Whoever waits asks whom it waits for, and is asked."""
+    return [("write", topics.wait(_RUN, _ANY)), ("read", topics.wait(_RUN, client))]
 
 
 def _claims(task: int, agent: int) -> list[Right]:

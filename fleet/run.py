@@ -29,6 +29,7 @@ from common.runlog import MANIFEST, STATE, RunDirectory
 from common.scenario import Scenario, load_scenario
 from fleet.launcher import Launcher
 from fleet.recorder import CLIENT, Recorder
+from fleet.resume import check_states
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
 from fleet.view import View
@@ -92,7 +93,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
-        ConfigurationError: it is complete, or not the directory of such a run.
+        ConfigurationError: it is complete, not the directory of such a run, or lacks the state of a process.
     """
     held = path / MANIFEST
     scenario = load_scenario(held)
@@ -100,6 +101,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     _check(scenario, options)
     name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
+    check_states(path)  # before anything is written
     directory = RunDirectory(path, resume=True)
     _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
     return path

@@ -18,6 +18,7 @@ from fleet.arms import METHOD_LABELS, label
 from fleet.recorder import Recorder
 
 _LINE_EVERY_S = 10.0
+_WAITS_SHOWN = 3
 
 
 class View:
@@ -57,12 +58,18 @@ class View:
                 parts.append(f"{arm} done" if self._is_over(arm) else f"{arm} " + " ".join(told))
         moved = self._recorder.received_bytes
         parts.append(" ".join(f"{link} {count / 1e6:.1f} MB" for link, count in moved.items() if count))
-        return " | ".join(parts)
+        return " | ".join([*parts, *self._waits()])
 
     def render(self) -> RenderableType:
         """The whole view."""
         title = Text(f"{self._scenario.name}, seed {self._scenario.seed}: {self._recorder.elapsed_s:.0f} s")
-        return Group(title, self._stages(), self._links())
+        return Group(title, self._stages(), self._links(), *(Text(wait, "yellow") for wait in self._waits()))
+
+    def _waits(self) -> list[str]:
+        """What lasts, the longest first."""
+        waits = self._recorder.waits
+        more = len(waits) - _WAITS_SHOWN
+        return [*waits[:_WAITS_SHOWN], *([f"and {more} more wait"] if more > 0 else [])]
 
     def _stages(self) -> Table:
         table = Table("phase", "task", "round", "R", "", box=None, pad_edge=False)

@@ -12,8 +12,9 @@ from agents.metalink import MetaLink
 from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
+from common.errors import RunError
 from common.methods import Arm
-from common.payloads import ModelHeader, Presence, RoundRequest, decode_json, encode_json, encode_model
+from common.payloads import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json, encode_model
 from common.settings import Bus, Federation
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
@@ -405,10 +406,54 @@ def test_a_meta_model_that_was_lost_is_asked_for_until_it_comes() -> None:
     assert waiting.result()["w"].tolist() == [5.0, 5.0]
 
 
+def test_stages_only_rise() -> None:
+    table = Table()
+    for agent, stage in ((2, 1), (3, 1), (2, 0)):  # an old word that comes late
+        table.present(agent, stage)
+    Running(lambda: table.exchange.await_stage(1)).result()
+
+
+def test_a_neighbour_two_stages_ahead_has_been_here_with_this_robot() -> None:
+    table = Table()
+    table.present(3, 3, "done")
+    for wait in (lambda: table.exchange.await_stage(1), lambda: table.exchange.gather(1)):
+        with pytest.raises(RunError, match="robot 3 is at stage 3 already, and robot 1 comes with stage 1"):
+            Running(wait).result()
+
+
+@pytest.mark.parametrize(("round_", "told"), [(4, True), (3, False)])
+def test_a_neighbour_more_than_two_rounds_ahead_has_been_here_with_this_robot(round_: int, told: bool) -> None:
+    table = Table(IMPATIENT_S)
+    table.exchange.announce(1)
+    asked = table.listen(topics.wait(RUN, "agent-2"))
+    table.send(3, 1)
+    gathering = Running(lambda: table.exchange.gather(1))
+    assert decode_json(heard(asked).payload, Wait).what == "round 1 of robots [2]"
+    answer = Wait(client="agent-2", stage=1, round=round_)
+    table.others.publish(topics.wait(RUN, "agent-1"), encode_json(answer))
+    if told:
+        with pytest.raises(RunError, match="agent-2 is in round 4 of maml already, and robot 1 comes with round 1"):
+            gathering.result()
+    else:
+        table.send(2, 1)
+        assert set(gathering.result()) == {2, 3}
+
+
+def test_a_robot_tells_how_far_it_has_come() -> None:
+    table = Table(IMPATIENT_S)
+    table.exchange.announce(1)
+    table.exchange.publish_weights({"w": np.zeros(2, np.float32)}, header(5))
+    ears = table.listen(topics.wait(RUN, "agent-2"))
+    table.others.publish(topics.wait(RUN, "agent-1"), encode_json(Wait(client="agent-2", asks=True)))
+    table.exchange._listener.take_waiting()
+    assert decode_json(heard(ears).payload, Wait) == Wait(client="agent-1", stage=1, round=5)
+
+
 def test_a_robot_that_leaves_hears_no_more_and_hands_in_its_counters() -> None:
     table = Table()
     ears = table.listen(topics.meter_report(RUN, "agent-1"), topics.learned(RUN, ARM, TASK))
     table.exchange.hand_in(b"weights")
+    table.exchange.hand_over(3, stay=False)
     table.exchange.leave()
     assert heard(ears) == Message(topics.learned(RUN, ARM, TASK), b"weights")
     assert heard(ears).topic == topics.meter_report(RUN, "agent-1")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from common.runlog import RoundRow
 
 DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
 WEIGHTS, HERE = topics.weights("r", "maml", 1, 4), topics.presence("r", 1, 3)
+DONE = Presence(agent=3, stage=3, state="done")
 LEARNED = topics.learned("r", "maml", 1)
 
 
@@ -37,12 +39,14 @@ class Table:
         self.others.publish(topics.recorder("r"), encode_json(Presence(agent=0)), retain=True)
         self.listener.take_waiting()
 
-    def acknowledge(self, topic: str) -> None:
-        self.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic)))
+    def acknowledge(self, topic: str, part: str = "") -> None:
+        told = Acknowledgement(topic=topic, part=part)
+        self.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(told))
 
     def report(self) -> MeterReport:
         self.recorder.subscribe(topics.meter_report("r", "+"))
-        self.reporter.leave([WEIGHTS], HERE)
+        self.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False)
+        self.reporter.leave(HERE)
         return decode_json(heard(self.recorder), MeterReport)
 
 
@@ -120,7 +124,7 @@ def test_a_report_of_any_length_goes_in_pieces_of_bounded_size(tmp_path: Path) -
     table = Table(rows=tmp_path / "rounds.jsonl")
     table.robot.meter.tally("fl", "maml", 1).gradients(20)
     table.recorder.subscribe(topics.meter_report("r", "+"))
-    table.reporter.leave([WEIGHTS], HERE)
+    table.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False)
     told: list[MeterReport] = []
     while not told or not told[-1].last:
         payload = heard(table.recorder)
@@ -139,20 +143,16 @@ def test_a_piece_is_sent_until_that_very_piece_is_acknowledged(tmp_path: Path, m
     table.record()
     topic = topics.meter_report("r", "agent-3")
     table.recorder.subscribe(topic)
-    leaving = threading.Thread(target=table.reporter.leave, args=([WEIGHTS], HERE), daemon=True)
-    leaving.start()
+    leaving = in_thread(lambda: table.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False))
     first = decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES)
-    table.others.publish(
-        topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic, part="another/1"))
-    )
+    table.acknowledge(topic, "another/1")
     assert decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES) == first
     rounds, pieces = set(), set()
     while leaving.is_alive() and (message := table.recorder.receive(DEADLINE_S)):
         piece = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
         rounds |= {each.round for each in piece.rounds}
         pieces.add(piece.piece)
-        told = Acknowledgement(topic=topic, part=piece.part)
-        table.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(told))
+        table.acknowledge(topic, piece.part)
         if piece.last:
             leaving.join(DEADLINE_S)
     assert not leaving.is_alive()
@@ -162,6 +162,77 @@ def test_a_piece_is_sent_until_that_very_piece_is_acknowledged(tmp_path: Path, m
 
 def test_without_a_recorder_nobody_waits_for_one(table: Table) -> None:
     table.reporter.deliver(LEARNED, b"weights")
+
+
+def in_thread(body: Callable[[], None]) -> threading.Thread:
+    thread = threading.Thread(target=body, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_who_ends_leaves_its_presence_as_done_where_there_is_a_recorder(table: Table) -> None:
+    table.record()
+    table.recorder.subscribe(topics.meter_report("r", "+"))
+    leaving = in_thread(lambda: table.reporter.hand_over([], HERE, DONE, stay=False))
+    piece = decode_json(heard(table.recorder), MeterReport)
+    table.acknowledge(topics.meter_report("r", "agent-3"), piece.part)
+    leaving.join(DEADLINE_S)
+    table.reporter.leave(HERE)
+    late = table.hub.connect("late")
+    late.subscribe(HERE)
+    assert decode_json(heard(late), Presence) == DONE
+    assert piece.rows == table.robot.meter.rows()  # nothing that is metered came after the report
+
+
+def test_who_stays_hands_in_everything_again_to_a_recorder_that_comes_anew_and_goes_when_all_is_recorded(
+    tmp_path: Path,
+) -> None:
+    table = Table(IMPATIENT_S, tmp_path / "robot" / "rounds.jsonl")
+    report = topics.meter_report("r", "agent-3")
+    table.recorder.subscribe(report, LEARNED)
+    table.reporter.deliver(LEARNED, b"weights")  # before there is a recorder
+    assert heard(table.recorder) == b"weights"
+
+    def stay() -> None:
+        table.reporter.hand_over([], HERE, DONE, stay=True)
+        table.reporter.leave(HERE)
+
+    def take_all() -> None:
+        said = set()
+        while not {LEARNED, report} <= said:
+            message = table.recorder.receive(DEADLINE_S)
+            assert message is not None
+            said.add(message.topic)
+            is_report = message.topic == report
+            table.acknowledge(message.topic, decode_json(message.payload, MeterReport).part if is_report else "")
+
+    def word(state: str) -> None:
+        presence = encode_json(Presence.model_validate({"agent": 0, "state": state}))
+        table.others.publish(topics.recorder("r"), presence, retain=True)
+
+    table.record()
+    staying = in_thread(stay)
+    take_all()
+    late = table.hub.connect("late")
+    late.subscribe(HERE)
+    assert decode_json(heard(late), Presence) == Presence(agent=3, stage=3)  # it is here
+    for state in ("gone", "here"):
+        word(state)
+    take_all()
+    assert staying.is_alive()
+    word("done")
+    staying.join(DEADLINE_S)
+    assert not staying.is_alive()
+    assert heard(late) == b""
+
+
+def test_who_comes_back_knows_that_the_run_has_a_recorder(tmp_path: Path) -> None:
+    rows = tmp_path / "robot" / "rounds.jsonl"
+    first = Table(rows=rows)
+    assert not first.reporter.has_recorder
+    first.record()
+    assert first.reporter.has_recorder
+    assert Table(rows=rows).reporter.has_recorder
 
 
 @pytest.mark.parametrize("ends", ["acknowledged", "the recorder dies", "the recorder leaves"])

@@ -10,6 +10,7 @@ import pytest
 
 from common import topics
 from common.bus import MemoryBus, MemoryHub
+from common.errors import RunError
 from common.listener import Listener
 from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, encode_json, encode_motion
 from common.scenario import Scenario
@@ -199,17 +200,17 @@ ROBOTS = ((1, 1), (1, 2), (2, 3), (2, 4), (3, 5), (3, 6))
 def test_the_data_center_may_go_when_every_robot_has_come_far_enough(table: Table) -> None:
     for task, agent in ROBOTS:
         table.present(task, agent, 1)
-    assert table.collector.robots_that_missed_a_model(stage=1) is None
+    assert table.collector.robots_that_missed_a_model() is None
 
 
 def test_a_robot_that_missed_the_meta_model_is_named(table: Table) -> None:
     for task, agent in ROBOTS[:-1]:
         table.present(task, agent, 1)
     table.robots.publish(topics.meta_resend(RUN, ARM), encode_json(RoundRequest(first=6, last=6)))
-    assert table.collector.robots_that_missed_a_model(stage=1) == [(ARM, 6)]
+    assert table.collector.robots_that_missed_a_model() == [(ARM, 6)]
     table.robots.publish(topics.meta_resend(RUN, ARM), encode_json(RoundRequest(first=99, last=99)))  # nobody
     table.present(3, 6, 1)
-    assert table.collector.robots_that_missed_a_model(stage=1) is None
+    assert table.collector.robots_that_missed_a_model() is None
 
 
 def test_a_robot_that_died_does_not_count_as_having_the_model(table: Table) -> None:
@@ -217,6 +218,13 @@ def test_a_robot_that_died_does_not_count_as_having_the_model(table: Table) -> N
         table.present(task, agent, 1)
     table.present(3, 6, 1, state="gone")
     table.robots.publish(topics.meta_resend(RUN, ARM), encode_json(RoundRequest(first=1, last=1)))
-    assert table.collector.robots_that_missed_a_model(stage=1) == [(ARM, 1)]  # it goes on waiting, for requests too
+    assert table.collector.robots_that_missed_a_model() == [(ARM, 1)]  # it goes on waiting, for requests too
     table.present(3, 6, 1)
-    assert table.collector.robots_that_missed_a_model(stage=1) is None
+    assert table.collector.robots_that_missed_a_model() is None
+
+
+def test_a_robot_that_is_past_meta_learning_has_been_here_with_this_data_center(table: Table) -> None:
+    table.present(1, 1, 1)
+    table.present(2, 3, 0)
+    with pytest.raises(RunError, match="robot 1 is past meta-learning already, and the data center comes with round 1"):
+        table.collector.collect(1)

@@ -10,13 +10,15 @@ import pytest
 
 from common import topics
 from common.bus import MemoryHub
-from common.errors import PayloadError
+from common.errors import PayloadError, RunError
 from common.listener import Listener
+from common.patience import Patience
 from common.payloads import (
     ModelHeader,
     MotionHeader,
     Presence,
     RoundRequest,
+    Wait,
     decode_json,
     decode_model,
     encode_json,
@@ -50,7 +52,8 @@ class Table:
         self.hub = MemoryHub()
         self.robots, self.ears = self.hub.connect("robots"), self.hub.connect("ears")
         self.server = ParameterServer(scenario)
-        listener = Listener(self.hub.connect("datacenter"), scenario.bus.resend_after_s)
+        bus = self.hub.connect("datacenter")
+        listener = Listener(bus, scenario.bus.resend_after_s, Patience(bus, RUN, 600.0))
         self.desk = ClusterDesk(listener, scenario, RUN, "fedavg", self.server, DONE)
         self.desk.listen()
 
@@ -193,3 +196,35 @@ def test_the_data_center_takes_no_motion_of_another_robot(make_scenario: Make) -
     assert learner.read(motions(scenario, 2)[3], 1, 2)[:2] == (1, 3)
     with pytest.raises(PayloadError, match="experience of robot 2, task 1; expected robot 1, task 1"):
         learner.read(motions(scenario, 2)[3], 1, 1)
+
+
+@pytest.mark.parametrize(("round_", "told"), [(3, True), (2, False)])
+def test_a_robot_more_than_two_rounds_ahead_has_been_here_with_this_data_center(
+    make_scenario: Make, round_: int, told: bool
+) -> None:
+    table = Table(make_scenario(methods=["fedavg"], bus={"resend_after_s": 0.01}))
+    table.present(*ROBOTS, stage=1)
+    table.ears.subscribe(topics.wait(RUN, "agent-1"))
+    errors: list[BaseException] = []
+
+    def serve() -> None:
+        try:
+            table.desk.next_round()
+        except RunError as error:
+            errors.append(error)
+
+    serving = threading.Thread(target=serve, daemon=True)
+    serving.start()
+    asked = table.ears.receive(DEADLINE_S)
+    assert asked is not None
+    assert "round 1 of robots [1, 2]" in decode_json(asked.payload, Wait).what
+    answer = Wait(client="agent-1", stage=1, round=round_)
+    table.robots.publish(topics.wait(RUN, "datacenter"), encode_json(answer))
+    if not told:
+        table.present(*ROBOTS, stage=DONE)
+    serving.join(DEADLINE_S)
+    assert not serving.is_alive()
+    expected = (
+        ["agent-1 is in round 3 of fedavg already, and the data center comes with 0 rounds of it"] if told else []
+    )
+    assert [str(error).split(":")[0] for error in errors] == expected

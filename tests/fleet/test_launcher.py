@@ -13,7 +13,7 @@ from common import topics
 from common.counters import read_counters
 from common.errors import RunError
 from common.mqtt import MqttBus
-from fleet.launcher import Launcher
+from fleet.launcher import Launcher, signal_of
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -127,6 +127,38 @@ def test_a_robot_that_was_killed_is_started_again_as_often_as_is_allowed(tmp_pat
         with pytest.raises(RunError, match="agent-1 ended with code -9"):
             check_until_something_ended(launcher)
     assert told == ["agent-1 was ended by SIGKILL; starting it again"] * 2
+
+
+def test_a_robot_or_broker_that_is_told_to_end_from_outside_is_started_again(tmp_path: Path) -> None:
+    told: list[str] = []
+    with Launcher(tmp_path / "logs", restarts=1, told=told.append) as launcher:
+        url = launcher.start_broker(["--no-metrics"])["url"]
+        launcher.start("agent-1", "agents", ["--id", "1", "--scenario", TOY, "--broker", url])
+        bus = MqttBus.connect(url, "onlooker", connect_timeout_s=DEADLINE_S)
+        bus.subscribe(topics.presence("toy", 1, 1))
+        assert bus.receive(DEADLINE_S) is not None  # it has its way of ending by a signal by now
+        for name in ("agent-1", "broker"):
+            before = launcher.pids[name]
+            os.kill(before, signal.SIGTERM)
+            check_until_another_runs(launcher, name, before)
+        assert told == [f"{name} was ended by SIGTERM; starting it again" for name in ("agent-1", "broker")]
+        os.kill(launcher.pids["broker"], signal.SIGTERM)
+        with pytest.raises(
+            RunError, match=r"broker ended with code 0, by SIGTERM from outside, and was started again 1"
+        ):
+            check_until_something_ended(launcher)
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "number"),
+    [
+        ("agent-1", -9, signal.SIGKILL), ("agent-1", 143, signal.SIGTERM), ("agent-1", 130, signal.SIGINT),
+        ("broker", 0, signal.SIGTERM), ("broker", -9, signal.SIGKILL), ("broker", 3, None), ("agent-1", 5, None),
+        ("agent-1", 1, None), ("agent-1", 128, None), ("agent-1", 255, None),
+    ],
+)  # fmt: skip
+def test_which_ends_are_by_a_signal(name: str, code: int, number: signal.Signals | None) -> None:
+    assert signal_of(name, code) == number
 
 
 def test_processes_are_ended_when_the_launcher_is_left_by_an_error(tmp_path: Path) -> None:

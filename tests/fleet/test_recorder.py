@@ -1,6 +1,7 @@
 """The recorder: from what is said on the bus to the run directory, over the in-memory bus."""
 
 import json
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from common import topics
 from common.bus import MemoryBus, MemoryHub
 from common.errors import RunError
 from common.meter import Meter
-from common.payloads import Acknowledgement, ModelHeader, Presence, decode_json, encode_json, encode_model
+from common.payloads import Acknowledgement, ModelHeader, Presence, Wait, decode_json, encode_json, encode_model
 from common.reports import MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
@@ -323,6 +324,101 @@ def test_a_process_that_comes_back_in_time_is_forgiven(table: Table, sign: str) 
     for _ in range(10):  # longer than bus.connect_timeout_s
         table.pump()
         table.recorder.check()
+
+
+def test_a_process_that_died_when_all_was_handed_in_does_not_end_the_run(table: Table) -> None:
+    table.report("agent-2")
+    table.present(2, "gone")
+    for _ in range(10):  # longer than bus.connect_timeout_s
+        table.pump()
+        table.recorder.check()
+    assert table.recorder.waiting_for == ["agent-1", "datacenter"]
+
+
+def test_a_process_that_is_back_after_its_report_is_waited_for_again_as_long_as_it_lives(table: Table) -> None:
+    for client in CLIENTS:
+        table.report(client)
+    table.present(2, "here")
+    table.pump()
+    assert table.recorder.waiting_for == ["agent-2"]
+    table.present(2, "gone")
+    table.pump()
+    assert table.recorder.waiting_for == []
+    table.present(2, "here")
+    table.report("agent-2")
+    table.pump()
+    assert table.recorder.waiting_for == []
+
+
+def tell_wait(table: Table, client: str, what: str, quiet_s: float = 0.0) -> None:
+    wait = Wait(client=client, what=what, quiet_s=quiet_s)
+    table.others.publish(topics.wait(RUN, "recorder"), encode_json(wait))
+    table.pump()
+
+
+def test_who_waits_for_what_is_known_the_longest_first_until_it_gets_on(table: Table) -> None:
+    assert table.recorder.waits == []
+    tell_wait(table, "agent-1", "round 8 of robots [2]", 20)
+    tell_wait(table, "datacenter", "round 3 of robots [1]", 100)
+    assert table.recorder.waits == [
+        "datacenter waits for round 3 of robots [1] (100 s)", "agent-1 waits for round 8 of robots [2] (20 s)",
+    ]  # fmt: skip
+    table.row(0, 1, client="datacenter")
+    table.report("agent-1")
+    table.pump()
+    assert table.recorder.waits == []
+
+
+def test_who_is_not_heard_of_is_named_and_ends_the_run_at_the_limit(scenario: Scenario, tmp_path: Path) -> None:
+    federation = scenario.federation.model_copy(update={"give_up_after_s": 0.2})
+    bus = scenario.bus.model_copy(update={"resend_after_s": 0.01})
+    table = Table(scenario.model_copy(update={"federation": federation, "bus": bus}), tmp_path / "run")
+    for client in ("agent-1", "datacenter"):
+        table.report(client)
+    table.pump()
+    assert [wait[:-6] for wait in table.recorder.waits] == ["nothing heard of agent-2"]
+
+    def watch() -> None:
+        while True:
+            table.pump()
+            table.recorder.check()
+
+    with pytest.raises(RunError, match=r"waiting for agent-2: agent-2 was not heard of within the 0\.2 s"):
+        watch()
+
+
+def test_the_presence_of_who_is_done_is_removed_and_who_stays_is_told_and_seen_off(table: Table) -> None:
+    ears = table.hub.connect("ears")
+    table.present(1, "done")
+    table.present(2, "here")
+    table.present(0, "gone")
+    for client in CLIENTS:
+        table.report(client)
+    table.report("agent-2")
+    table.pump()
+    ears.subscribe(topics.recorder(RUN))
+    closing = threading.Thread(target=table.recorder.close, args=("complete",), daemon=True)
+    closing.start()
+    while (message := ears.receive(DEADLINE_S)) and decode_json(message.payload, Presence).state != "done":
+        pass
+    assert json.loads((table.path / "summary.json").read_text())["status"] == "complete"  # by now it is written
+    table.others.publish(topics.presence(RUN, 1, 2), b"", retain=True)  # robot 2 leaves
+    closing.join(DEADLINE_S)
+    assert not closing.is_alive()
+    late = table.hub.connect("late")
+    late.subscribe(topics.presence(RUN, "+", "+"), topics.recorder(RUN))
+    assert late.receive(0.001) is None
+
+
+def test_a_run_that_was_not_recorded_whole_is_not_said_to_be(table: Table) -> None:
+    ears = table.hub.connect("ears")
+    table.present(1, "done")
+    table.present(2, "here")
+    table.pump()
+    ears.subscribe(topics.recorder(RUN), topics.presence(RUN, "+", "+"))
+    table.recorder.close("interrupted")
+    said = [(message.topic, bytes(message.payload)) for message in iter(lambda: ears.receive(0.001), None)]
+    assert said[3:] == [(topics.recorder(RUN), b""), (topics.presence(RUN, 1, 1), b"")]
 
 
 def client_counters(client: str, topic: str, direction: Any, payload: int) -> Meter:

@@ -87,6 +87,16 @@ def test_the_line_for_logs_says_the_same_in_short(scenario: Scenario, recorder: 
     assert "uplink 3.0 MB sidelink 1.5 MB" in line
 
 
+def test_who_waits_for_whom_is_shown_the_longest_first(
+    scenario: Scenario, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits = [f"agent-{agent} waits for round 8 of robots [5] ({90 - agent} s)" for agent in (1, 2, 3, 4)]
+    monkeypatch.setattr(Recorder, "waits", property(lambda self: waits))
+    view = View(Console(file=io.StringIO()), scenario, recorder)
+    assert view.line().endswith(" | ".join([*waits[:3], "and 1 more wait"]))
+    assert all(wait in shown(view) for wait in waits[:3])
+
+
 def test_on_a_pipe_a_line_is_printed_now_and_then(
     scenario: Scenario, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
