@@ -112,7 +112,7 @@ class RunDirectory:
             self._append(ROUNDS, row.model_dump_json(exclude_none=False))
 
     def complete(self, rows: Iterable[RoundRow]) -> None:
-        """Append those of a process's rows that have not come; `rows` are some of them, in any order."""
+        """Append those of a process's rows that have not come."""
         for row in rows:
             if self._book(row):
                 self._append(ROUNDS, row.model_dump_json(exclude_none=False))

@@ -252,9 +252,9 @@ class Recorder:
         else:
             report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
             check_report(report, kind, self._clients, self._scenario)
-            self._directory.complete(report.rounds)
             self._gone.pop(report.client, None)
-            if self._reports.take(report):
+            if (rounds := self._reports.take(report)) is not None:
+                self._directory.complete(rounds)
                 self._again.discard(report.client)
             self._heard(report.client)
             self._acknowledge(topic, report.client, report.part)
