@@ -81,9 +81,8 @@ class Reporter:
             rows.parent.mkdir(parents=True, exist_ok=True)
             whole_lines(rows)
         self._acknowledged: set[tuple[str, str]] = set()
+        self._parts: set[tuple[str, str]] = set()  # of the report that was handed in last
         self._recorded = False  # by one that is there
-        self._recorders = 0  # one that comes may be another
-        self._handed_in_to: int | None = None
         self._is_over = False
         self.has_recorder = rows is not None and (rows.parent / RECORDED_BY).exists()
         """Whether the run has, or had, a recorder."""
@@ -137,18 +136,17 @@ class Reporter:
 
     def _hand_in(self) -> None:
         """Give the recorder all that it has not acknowledged to this process, the report at last."""
-        recorder = self._recorders
         kept = sorted(self._file.parent.glob(f"*%2F*{HANDED_IN}")) if self._file is not None else ()
         for path in kept:
             topic = f"{topics.ROOT}/{self._run}/{unquote(path.name.removesuffix(HANDED_IN))}"
             if (topic, "") not in self._acknowledged:
                 self._deliver(topic, path.read_bytes())
-        topic = topics.meter_report(self._run, self._bus.client)
+        report = topics.meter_report(self._run, self._bus.client)
+        self._parts.clear()
         for piece in self._pieces():
-            self._deliver(topic, encode_json(piece), piece.part)
+            self._parts.add((report, piece.part))
+            self._deliver(report, encode_json(piece), piece.part)
             self._bus.flush()  # without a recorder as well: one piece at a time is in memory
-            self._acknowledged.discard((topic, piece.part))
-        self._handed_in_to = recorder
 
     def _deliver(self, topic: str, payload: Payload, part: str = "") -> None:
         self._acknowledged.discard((topic, part))
@@ -166,7 +164,7 @@ class Reporter:
 
     def _misses_something(self) -> bool:
         """Whether a recorder is there that has not got all from this process: another one than before."""
-        return self._recorded and self._handed_in_to != self._recorders
+        return self._recorded and not self._parts <= self._acknowledged
 
     def _pieces(self) -> Iterator[MeterReport]:
         """The report: counters and work first, then the rows as they are read."""
@@ -201,8 +199,7 @@ class Reporter:
             if self._file is not None:
                 (self._file.parent / RECORDED_BY).touch()
         else:
-            self._acknowledged.clear()
-            self._recorders += 1
+            self._acknowledged.clear()  # one that comes may be another
 
 
 Row = MeterRow | WorkRow | RoundRow

@@ -104,7 +104,7 @@ class RunDirectory:
         self._rows.add(row)
 
     def complete(self, rows: Iterable[RoundRow]) -> None:
-        """Append those of a process's rows that have not come or were lost; `rows` are some of them, in any order."""
+        """Append those of a process's rows that have not come or were lost."""
         self._rows.complete(rows)
 
     def lost_rows(self) -> str:

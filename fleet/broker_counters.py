@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from common.payloads import Acknowledgement, decode_json, encode_json
 from common.settings import Bus as BusSettings
 from common.snapshot import PIECE_BYTES, BrokerLimits, CountersPiece, CountersRequest
 from fleet.baseline import BASELINE, keep_baseline, kept_baseline, since
+from fleet.conservation import conservation
 
 log = logging.getLogger("jouleswarm.recorder")
 
@@ -26,6 +27,7 @@ BROKERS = "the broker's counters, from the run's beginning"
 CLIENTS = "the clients' own counters, for {why}"
 NOT_OURS = "the broker is not JouleSwarm's and counts nothing for us"
 COUNTS_NOTHING = "the broker was told to count nothing"
+EARLIER = "the broker's counters, from its own beginning: the run had begun before its recorder came"
 GONE = "some that it had at the run's beginning are gone, as of a broker that was started again without its state"
 
 
@@ -70,8 +72,8 @@ class BrokerCounters:
         if folder is not None and kept is None:
             keep_baseline(folder / BASELINE, self._baseline)
 
-    def end(self, patience_s: float, *, is_late: bool) -> Counted:
-        """What the broker has counted since `begin`; `is_late`: processes of the run were there before.
+    def end(self, patience_s: float, clients: Sequence[MeterRow]) -> Counted:
+        """What the broker has counted since `begin`; `clients`: what the processes of the run have counted.
 
         Raises:
             RunError: as `fetch`.
@@ -79,9 +81,15 @@ class BrokerCounters:
         told = self.fetch(patience_s)
         if told.why_none:
             return Counted([], CLIENTS.format(why=told.why_none))
-        recorded = any(row.client == topics.RECORDER for row in self._baseline)
-        # Under a name that nobody had recorded, what was counted before is of those who came before the recorder.
-        rows, any_gone = since(told.rows, [] if is_late and not recorded else self._baseline)
+        rows, any_gone = since(told.rows, self._baseline)
+        if not fits(rows, clients):
+            # Processes that were there before the recorder, or go on from a state of then, have counted longer than it.
+            own, others = (
+                [row for row in each if (row.client == topics.RECORDER) == is_own]
+                for each, is_own in ((rows, True), (told.rows, False))
+            )
+            if fits(whole := [*others, *own], clients):
+                return Counted(whole, EARLIER)
         return Counted(rows, f"{BROKERS}; {GONE}" if any_gone else BROKERS)
 
     def fetch(self, patience_s: float) -> Answer:
@@ -147,3 +155,9 @@ class BrokerCounters:
         if len(held) == piece.pieces:
             rows = tuple(row for _, each in sorted(held.items()) for row in each.rows)
             self._answer = Answer(rows) if piece.metering else Answer(why_none=COUNTS_NOTHING)
+
+
+def fits(rows: Sequence[MeterRow], clients: Sequence[MeterRow]) -> bool:
+    """Whether the broker's counters do not contradict the clients'."""
+    found = conservation([*rows, *clients])
+    return found is None or not found.broken

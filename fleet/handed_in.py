@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from common.errors import RunError
 from common.meter import MeterRow
-from common.reports import MeterReport
+from common.reports import PIECE_BYTES, MeterReport
+from common.runlog import RoundRow
 from common.work import WorkRow
 
 MAX_ROWS = 100_000
 """Counters of one process: what the broker keeps of all together. More of them end the run."""
 
 
+class Rounds:
+    """Rows of the run log, kept aside until all have come; they can be read as often as one likes."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.SpooledTemporaryFile(4 * PIECE_BYTES)  # noqa: SIM115 -- as long as it is needed
+
+    def add(self, rows: list[RoundRow]) -> None:
+        """Some more."""
+        self._file.write(b"".join(row.model_dump_json().encode() + b"\n" for row in rows))
+
+    def __iter__(self) -> Iterator[RoundRow]:
+        self._file.seek(0)
+        return map(RoundRow.model_validate_json, self._file)
+
+
 @dataclass
 class Report:
-    """A client's counters and work, as far as they have come; its rounds are in the run directory already."""
+    """A client's counters, work and rows, as far as they have come."""
 
     rows: list[MeterRow] = field(default_factory=list)
     work: list[WorkRow] = field(default_factory=list)
+    rounds: Rounds = field(default_factory=Rounds)
     pieces: set[int] = field(default_factory=set)
     last: int | None = None
 
@@ -37,11 +56,11 @@ class HandedIn:
         self._open: dict[str, dict[str, Report]] = {}
         """By client and token: one that was killed while it handed in begins anew."""
 
-    def take(self, piece: MeterReport) -> bool:
-        """Add a piece, once; whether the report of its client is whole.
+    def take(self, piece: MeterReport) -> Rounds | None:
+        """Add a piece, once; with the last one that was missing, all rows of its client.
 
         Raises:
-            RunError: it has more counters than a process can have.
+            RunError: it has more counters than a process can have, or there is no space for its rows.
         """
         lives = self._open.setdefault(piece.client, {})
         report = lives.setdefault(piece.token, Report())
@@ -49,9 +68,19 @@ class HandedIn:
             report.pieces.add(piece.piece)
             report.rows += piece.rows
             report.work += piece.work
+            try:
+                report.rounds.add(piece.rounds)
+            except OSError as error:
+                where = f"in {tempfile.gettempdir()}: {error.strerror}"
+                raise RunError(
+                    f"the report of {piece.client} cannot be kept {where}; make space, and --resume"
+                ) from error
             report.last = piece.piece if piece.last else report.last
         if len(report.rows) + len(report.work) > MAX_ROWS:
             raise RunError(f"the report of {piece.client} has over {MAX_ROWS} counters, expected one a topic it used")
-        if report.is_whole:
-            self.whole[piece.client] = report
-        return report.is_whole
+        if not report.is_whole:
+            return None
+        rounds, report.rounds = report.rounds, Rounds()  # they are not needed for longer than to be written down
+        self.whole[piece.client] = report
+        del self._open[piece.client]
+        return rounds

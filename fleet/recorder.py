@@ -50,7 +50,6 @@ class Recorder:
         self._reports = HandedIn()
         self._received: dict[str, dict[topics.Link, int]] = {}
         self.refused = 0
-        self._is_late = False
         self._gone: dict[str, float] = {}
         self._processors: dict[str, str] = {}
         self._again: set[str] = set()
@@ -184,14 +183,17 @@ class Recorder:
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
+        clients, work = self._clients_rows(), self._work_done()
         try:
-            rows, source = self._broker.end(patience_s, is_late=self._is_late)
+            rows, source = self._broker.end(patience_s, clients)
         except RunError as error:
             rows, source = [], CLIENTS.format(why=error)
             status, failed = "failed" if status == "complete" else status, error
         if (lost := self._directory.lost_rows()) and status == "complete":
             status, failed = "failed", RunError(f"{lost}; the run is not complete")
-        meter, work = [*rows, *self._clients_rows()], self._work_done()
+        if failed is not None:
+            self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        meter = [*rows, *clients, *self._bus.meter.rows()]
         self._directory.meter(meter)
         self._directory.work(work)
         self._directory.summary(
@@ -200,17 +202,15 @@ class Recorder:
         self._forget_done()
         if status == "complete":
             self._see_off()
-        elif failed is not None:
-            self._bus.publish(topics.recorder(self._run), b"", retain=True)
         self._bus.close()
         if failed is not None:
             raise failed
 
     def _clients_rows(self) -> list[MeterRow]:
-        """What all processes have counted themselves, the recorder too."""
+        """What all processes but the recorder have counted themselves."""
         whole = self._reports.whole
         of_clients = (whole[each].rows if each in whole else self._counted_by(each) for each in self._clients)
-        return [*chain.from_iterable(of_clients), *self._bus.meter.rows()]
+        return list(chain.from_iterable(of_clients))
 
     def _work_done(self) -> list[WorkRow]:
         """What all processes have computed and moved."""
@@ -266,12 +266,11 @@ class Recorder:
         else:
             report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
             check_report(report, kind, self._clients, self._scenario)
-            self._directory.complete(report.rounds)
-            is_whole = self._reports.take(report)
             self._gone.pop(report.client, None)
-            self._heard(report.client)
-            if is_whole:
+            if (rounds := self._reports.take(report)) is not None:
+                self._directory.complete(rounds)
                 self._again.discard(report.client)
+            self._heard(report.client)
             self._acknowledge(topic, report.client, report.part)
 
     def _acknowledge(self, topic: str, client: str, part: str = "") -> None:
@@ -293,8 +292,6 @@ class Recorder:
         check_presence(presence, message.topic, self._scenario, self._run)
         self._present[message.topic] = presence
         client = client_of(presence.agent)
-        # Who was there before; on another connection the broker tells again of everybody.
-        self._is_late = self._is_late or (message.retained and presence.state == "here" and self._bus.connections == 1)
         if presence.processor is not None:
             self._note_processor(client, presence.processor)
         if presence.state == "gone":

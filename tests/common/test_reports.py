@@ -39,8 +39,9 @@ class Table:
         self.others.publish(topics.recorder("r"), encode_json(Presence(agent=0)), retain=True)
         self.listener.take_waiting()
 
-    def acknowledge(self, topic: str) -> None:
-        self.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic)))
+    def acknowledge(self, topic: str, part: str = "") -> None:
+        told = Acknowledgement(topic=topic, part=part)
+        self.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(told))
 
     def report(self) -> MeterReport:
         self.recorder.subscribe(topics.meter_report("r", "+"))
@@ -123,7 +124,7 @@ def test_a_report_of_any_length_goes_in_pieces_of_bounded_size(tmp_path: Path) -
     table = Table(rows=tmp_path / "rounds.jsonl")
     table.robot.meter.tally("fl", "maml", 1).gradients(20)
     table.recorder.subscribe(topics.meter_report("r", "+"))
-    table.reporter.leave([WEIGHTS], HERE)
+    table.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False)
     told: list[MeterReport] = []
     while not told or not told[-1].last:
         payload = heard(table.recorder)
@@ -142,20 +143,16 @@ def test_a_piece_is_sent_until_that_very_piece_is_acknowledged(tmp_path: Path, m
     table.record()
     topic = topics.meter_report("r", "agent-3")
     table.recorder.subscribe(topic)
-    leaving = threading.Thread(target=table.reporter.leave, args=([WEIGHTS], HERE), daemon=True)
-    leaving.start()
+    leaving = in_thread(lambda: table.reporter.hand_over([WEIGHTS], HERE, DONE, stay=False))
     first = decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES)
-    table.others.publish(
-        topics.acknowledgement("r", "agent-3"), encode_json(Acknowledgement(topic=topic, part="another/1"))
-    )
+    table.acknowledge(topic, "another/1")
     assert decode_json(heard(table.recorder), MeterReport, MAX_REPORT_BYTES) == first
     rounds, pieces = set(), set()
     while leaving.is_alive() and (message := table.recorder.receive(DEADLINE_S)):
         piece = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
         rounds |= {each.round for each in piece.rounds}
         pieces.add(piece.piece)
-        told = Acknowledgement(topic=topic, part=piece.part)
-        table.others.publish(topics.acknowledgement("r", "agent-3"), encode_json(told))
+        table.acknowledge(topic, piece.part)
         if piece.last:
             leaving.join(DEADLINE_S)
     assert not leaving.is_alive()
@@ -177,14 +174,14 @@ def test_who_ends_leaves_its_presence_as_done_where_there_is_a_recorder(table: T
     table.record()
     table.recorder.subscribe(topics.meter_report("r", "+"))
     leaving = in_thread(lambda: table.reporter.hand_over([], HERE, DONE, stay=False))
-    rows = decode_json(heard(table.recorder), MeterReport).rows
-    table.acknowledge(topics.meter_report("r", "agent-3"))
+    piece = decode_json(heard(table.recorder), MeterReport)
+    table.acknowledge(topics.meter_report("r", "agent-3"), piece.part)
     leaving.join(DEADLINE_S)
     table.reporter.leave(HERE)
     late = table.hub.connect("late")
     late.subscribe(HERE)
     assert decode_json(heard(late), Presence) == DONE
-    assert rows == table.robot.meter.rows()  # nothing that is metered came after the report
+    assert piece.rows == table.robot.meter.rows()  # nothing that is metered came after the report
 
 
 def test_who_stays_hands_in_everything_again_to_a_recorder_that_comes_anew_and_goes_when_all_is_recorded(
@@ -206,7 +203,8 @@ def test_who_stays_hands_in_everything_again_to_a_recorder_that_comes_anew_and_g
             message = table.recorder.receive(DEADLINE_S)
             assert message is not None
             said.add(message.topic)
-            table.acknowledge(message.topic)
+            is_report = message.topic == report
+            table.acknowledge(message.topic, decode_json(message.payload, MeterReport).part if is_report else "")
 
     def word(state: str) -> None:
         presence = encode_json(Presence.model_validate({"agent": 0, "state": state}))

@@ -16,7 +16,8 @@ from common import topics
 from common.bus import MemoryHub
 from common.errors import RunError
 from common.meter import Meter, MeterRow
-from common.payloads import Presence, encode_json
+from common.payloads import encode_json
+from common.reports import MeterReport
 from common.runlog import RunDirectory
 from common.scenario import Scenario, scenario_from
 from common.snapshot import BrokerLimits, CountersPiece, CountersRequest
@@ -178,17 +179,24 @@ def test_a_broker_that_lost_its_counters_in_mid_run_is_noticed(deployment: Deplo
     assert "are gone, as of a broker that was started again" in deployment.summary()["counters"]
 
 
-@pytest.mark.parametrize(("recorded", "billed"), [(False, 3), (True, 1)])
-def test_who_was_there_before_the_recorder_is_billed_from_its_beginning(
-    deployment: Deployment, recorded: bool, billed: int
+@pytest.mark.parametrize(("received", "billed"), [(3, 3), (1, 1), (4, 1)])
+def test_who_has_counted_since_before_the_recorder_came_is_billed_from_its_own_beginning(
+    deployment: Deployment, received: int, billed: int
 ) -> None:
-    deployment.others.publish(PRESENCE, encode_json(Presence(agent=1)), retain=True)
-    earlier = counted(1, "recorder", PRESENCE) if recorded else []  # of an earlier run by this name
-    deployment.answer([[*counted(2), *earlier], [*counted(3), *earlier]])
+    """The broker had counted 2 deliveries to robot 2 when the recorder came, and 3 at the end."""
+    deployment.answer(
+        [[*counted(2), *counted(5, "recorder", PRESENCE)], [*counted(3), *counted(6, "recorder", PRESENCE)]]
+    )
     recorder = deployment.recorder()
+    report = MeterReport(client="agent-2", rows=counted(received, side="client"), rounds=[])
+    deployment.others.publish(topics.meter_report(RUN, "agent-2"), encode_json(report))
     recorder.pump(0.05)
     recorder.close("complete")
-    assert deployment.delivered()[0] == ("agent-2", billed, 1000 * billed)
+    assert deployment.delivered() == [("agent-2", billed, 1000 * billed), ("recorder", 1, 1000)]
+    summary = deployment.summary()
+    # 4 received of 3 fits neither way: that is said
+    assert summary["counters_fit"] == (received != 4)
+    assert ("from its own beginning" in summary["counters"]) == (received == 3)
 
 
 COUNTS = st.dictionaries(
