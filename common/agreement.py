@@ -118,6 +118,7 @@ def terms(scenario: Scenario) -> dict[str, Any]:
     data = scenario.model_dump(mode="json", exclude={"name": True})
     data["energy"] = {"beta": data["energy"]["beta"]}  # a measured one is the data center's work
     data["bus"] = {"qos": data["bus"]["qos"]}
+    del data["federation"]["give_up_after_s"]
     return dict(_flat(data, ""))
 
 

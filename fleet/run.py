@@ -112,9 +112,7 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     """
     held = path / MANIFEST
     if not held.exists():
-        raise ConfigurationError(
-            f"run {path}: {MANIFEST}: cannot be read; name a directory that `jouleswarm run` printed"
-        )
+        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
     manifest = read_manifest(path)
     if other := other_version(manifest):
         raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
@@ -125,11 +123,11 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
             await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
         check_is_there(path)
         check_states(path / STATE)
+        _check_processor(manifest, path, options, console)
         with usable("run directory", path):
             directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
         scenario = load_scenario(held)
         _check(scenario, options)
-        _check_processor(manifest, path, options, console)
         _say_where(directory, console)
         _deploy(scenario, manifest["run"], directory, console, options)
     return path
@@ -139,7 +137,9 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
 def _begun(out: Path, run: str, who: str, console: Console, *, with_state: bool) -> Iterator[RunDirectory]:
     """A new run directory of one's own, told in the first line that a run prints."""
     path = out / topics.run_name(run)
-    with usable("--out", out), Lock(path, who):
+    with usable("--out", out):
+        path.mkdir(parents=True, exist_ok=True)
+    with Lock(path, who):
         directory = RunDirectory(path, state=path / STATE / CLIENT if with_state else None)
         _say_where(directory, console)
         yield directory

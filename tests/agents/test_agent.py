@@ -197,7 +197,7 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     hands = hub.connect("hands")
     hands.subscribe(topics.weights("r", "fl", 1, 1))
     for agent in offsets:
-        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
+        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=3)), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
     shapes = shapes_of(build_qnetwork(scenario.network))
     published = []

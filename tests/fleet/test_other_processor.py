@@ -12,7 +12,7 @@ from rich.console import Console
 
 from common.errors import ConfigurationError
 from common.host import arithmetic
-from common.runlog import MANIFEST, STATE
+from common.runlog import MANIFEST, ROUNDS, STATE
 from fleet import run as module
 from fleet.report_data import load_run
 from fleet.report_notes import notes
@@ -30,6 +30,7 @@ def begun(write_run: Callable[..., Path]) -> Path:
     """An interrupted run that was begun here."""
     path = write_run()
     (path / STATE).mkdir()
+    (path / ROUNDS).unlink()  # nobody has told a row: nothing must be in the state
     change(path, host=noted(datacenter=[f"CUDA, {HERE}"], agent_1=[HERE], agent_2=[HERE]))
     return path
 
@@ -57,9 +58,9 @@ def test_a_run_is_not_gone_on_with_on_another_processor(begun: Path, monkeypatch
 def test_it_is_gone_on_with_on_the_same_one_or_if_told_to(
     begun: Path, monkeypatch: pytest.MonkeyPatch, here: str, allowed: bool
 ) -> None:
-    deployed: list[list[str]] = []
+    deployed: list[str] = []
     monkeypatch.setattr(module, "_arithmetic_here", lambda: here)
-    monkeypatch.setattr(module, "_deploy", lambda scenario, options, *rest: deployed.append(options))
+    monkeypatch.setattr(module, "_deploy", lambda scenario, run, *rest: deployed.append(run))
     with Console(quiet=True) as console, console.capture():
         resume_deployment(begun, console, Options(other_processor=allowed))
     assert len(deployed) == 1
