@@ -15,7 +15,7 @@ from pathlib import Path
 
 from common.errors import RunError
 from fleet.endings import ending
-from fleet.fork_server import Order
+from fleet.forkserver import Order
 from fleet.packages import command_of
 
 _START_S = 600.0  # it loads torch first, on a slow disk perhaps
@@ -57,7 +57,7 @@ class ForkServer:
         self._begun: list[Forked] = []
         self._heard = b""
         self._socket, theirs = socket.socketpair()
-        command = [*command_of("fleet.fork_server"), str(theirs.fileno()), str(os.getpid())]
+        command = [*command_of("fleet.forkserver"), str(theirs.fileno()), str(os.getpid())]
         with theirs, log.open("ab") as output:
             # A session of its own: a Ctrl-C at the terminal is for the launcher alone.
             self._process = subprocess.Popen(

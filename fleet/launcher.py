@@ -16,8 +16,8 @@ from typing import Self
 
 from common.errors import RunError
 from fleet.endings import ending, signal_of
-from fleet.fork_server import Order
 from fleet.forked import Forked, ForkServer
+from fleet.forkserver import Order
 from fleet.packages import command_of
 
 _GRACE_S = 2.0

@@ -197,7 +197,7 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     hands = hub.connect("hands")
     hands.subscribe(topics.weights("r", "fl", 1, 1))
     for agent in offsets:
-        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=3)), retain=True)
+        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
     shapes = shapes_of(build_qnetwork(scenario.network))
     published = []
@@ -214,6 +214,8 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
             )  # fmt: skip
             payload = encode_model({name: tensor + np.float32(offset) for name, tensor in weights.items()}, theirs)
             hands.publish(topics.weights("r", "fl", 1, agent), payload)
+    for agent in offsets:  # done: nobody needs robot 1 any more
+        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=3)), retain=True)
     assert ended(robot)
     for name, before in published[0].items():
         np.testing.assert_allclose(published[1][name] - before, moved, rtol=0, atol=1e-6)

@@ -34,7 +34,7 @@ class Order(NamedTuple):
 
 
 def main() -> None:
-    """`python -m fleet.fork_server DESCRIPTOR PARENT`: the socket to the launcher, and the launcher's process id."""
+    """`python -m fleet.forkserver DESCRIPTOR PARENT`: the socket to the launcher, and the launcher's process id."""
     descriptor, parent = map(int, sys.argv[1:])
     end_with(parent)  # before the libraries are loaded: that takes seconds
     for module in PRELOAD:
