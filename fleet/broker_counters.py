@@ -123,7 +123,8 @@ class BrokerCounters:
 
     @property
     def _is_known(self) -> bool:
-        return self._answer is not None or (self._has_echo and not self._is_ours)
+        # The echo is waited for anyway: nothing of this may come later.
+        return self._has_echo and (self._answer is not None or not self._is_ours)
 
     def _ask(self) -> None:
         self._token = secrets.token_hex(8)
