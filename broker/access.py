@@ -85,7 +85,7 @@ class Guard:
             Refused: wrong user or password, or a client id, certificate or last will that is not the user's own.
         """
         user, client_id = session.username or "", session.client_id
-        if not await self._is_known(user, session.password or ""):
+        if not await self._is_known(user, session.password or b""):
             raise Refused(BAD_CREDENTIALS, f"user {user!r}: no such user, or not its password")
         if name_of(client_id) != user:
             raise Refused(NOT_AUTHORIZED, f"user {user!r} with the client id {client_id!r}; expected its own name")
@@ -93,15 +93,15 @@ class Guard:
         if certified not in (None, user):
             raise Refused(NOT_AUTHORIZED, f"user {user!r} with the certificate of {certified!r}; expected its own")
         grants = Grants(self._rights.of(user, client_id), refused)
-        if session.will_flag and not grants.may_publish(session.will_topic):
-            raise Refused(NOT_AUTHORIZED, f"user {user!r} with a last will on {session.will_topic!r}")
+        if session.will is not None and not grants.may_publish(session.will.topic):
+            raise Refused(NOT_AUTHORIZED, f"user {user!r} with a last will on {session.will.topic!r}")
         return grants
 
     def close(self) -> None:
         """No more logins."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
-    async def _is_known(self, user: str, password: str) -> bool:
+    async def _is_known(self, user: str, password: bytes) -> bool:
         if hmac.compare_digest(self._verified.get(user, b""), self._digest(password)):
             return True
         try:
@@ -111,7 +111,7 @@ class Guard:
         except TimeoutError:
             raise Refused(UNAVAILABLE, f"too many logins to verify within {self._timeout_s:g} s") from None
 
-    def _verify(self, user: str, password: str) -> bool:
+    def _verify(self, user: str, password: bytes) -> bool:
         known = self._users.get(user)
         try:
             self._hasher.verify(known or self._nobody, password)
@@ -121,9 +121,9 @@ class Guard:
             self._verified[user] = self._digest(password)
         return known is not None
 
-    def _digest(self, password: str) -> bytes:
+    def _digest(self, password: bytes) -> bytes:
         # By a key that only this process has: of no use to who reads it elsewhere.
-        return hmac.digest(self._key, password.encode(), "sha256")
+        return hmac.digest(self._key, password, "sha256")
 
 
 def common_name(tls: Any) -> str | None:

@@ -7,32 +7,32 @@ import logging
 import re
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any
 
-from amqtt.adapters import BufferReader
 from amqtt.broker import Broker
 from amqtt.contexts import BrokerConfig
 from amqtt.events import BrokerEvents
-from amqtt.mqtt.packet import CONNECT, MQTTFixedHeader
-from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
+from amqtt.utils import gen_client_id
 
 from broker.access import Guard, Refused
 from broker.connection import Connection
-from broker.errors import MalformedPacket, PeerGone
+from broker.deliveries import Message
+from broker.errors import MalformedPacket, NotAccepted, PeerGone
 from broker.handler import ClientHandler
 from broker.holdings import Away, Filters, Retained
 from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from broker.meter import BrokerMeter
-from broker.packets import CODEC_ERRORS, check_connect, is_topic
+from broker.packets import Connect, Subscription, Will, is_filter, parse_connect
 from broker.publication import Publication
 from broker.routes import Routes
 from common import topics
+from common.mqtt_client import name_of
 
 logger = logging.getLogger("broker")
 
 LISTENER = "default"
 REFUSED = 0x80
+SHARED = "$share/"  # of MQTT 5: a broker without it must not take it for a topic
 RETAINED_AT_ONCE = 200  # before others have their turn
 CONNECT_BYTES = 512 * 1024  # five strings of 64 KB and some
 _ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
@@ -62,6 +62,13 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self._filters = Filters(limits.subscriptions)
         self._away = Away(limits.offline_sessions, limits.offline_bytes, limits.all_offline_bytes)
 
+    async def chores(self) -> None:
+        """Wait for amqtt's own tasks (sessions that expire), which only a failure ends."""
+        tasks = (self._session_monitor_task, self._broadcast_task)
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+
     # Connections
 
     async def serve(self, connection: Connection) -> None:
@@ -71,12 +78,15 @@ class SwarmBroker(Broker):  # type: ignore[misc]
                 await connection.open()
                 first, body, cost_bytes = await connection.reader.read_packet(CONNECT_BYTES)
             self.budget.release(cost_bytes)
-            check_connect(first, body)
-            fixed = MQTTFixedHeader(CONNECT, 0, len(body)).to_bytes()
-            await self.external_connected(BufferReader(fixed + body), connection, LISTENER)
+            session = self._new_session(parse_connect(first, body), connection)
+            if await self._is_admitted(session, connection):
+                await self._attend(session, connection)
         except TimeoutError:
             reason = f"no CONNECT within {self.limits.connect_timeout_s:g} s"
             self._refuse(connection, "refused_connect_timeout", reason)
+        except NotAccepted as error:
+            await self._answer(connection, error.code)
+            self._refuse(connection, error.event, str(error))
         except MalformedPacket as error:
             self._refuse(connection, error.event, str(error))
         except PeerGone as error:
@@ -84,64 +94,63 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         finally:
             connection.abort("the session has ended")
 
-    def _refuse(self, connection: Connection, event: str, reason: str) -> None:
-        self.meter.event(event)
-        logger.warning("connection from %s:%d closed: %s", *connection.peer, reason)
+    def _refuse(self, connection: Connection, event: str, reason: str, client_id: str | None = None) -> None:
+        host, port = connection.peer
+        who = f"client {name_of(client_id)}" if client_id else f"a client at {host}"
+        self.meter.refused(event, f"{who}: {reason}")
+        logger.warning("connection of %s from %s:%d closed: %s", client_id or "a client", host, port, reason)
         connection.abort(reason)
 
-    async def _initialize_client_session(
-        self, reader: BufferReader, writer: Connection, _address: str, _port: int
-    ) -> tuple[ClientHandler, Session]:
-        try:
-            _, session = await BrokerProtocolHandler.init_from_connect(reader, writer, self.plugins_manager)
-        except CODEC_ERRORS as error:
-            raise MalformedPacket(f"CONNECT: {error}") from error
-        names = (session.client_id or "", session.will_topic or "")
+    async def _answer(self, connection: Connection, code: int) -> None:
+        connection.send(bytes((0x20, 2, 0, code)))  # CONNACK (section 3.2)
+        await connection.close()
+
+    def _new_session(self, connect: Connect, connection: Connection) -> Session:
+        names = (connect.client_id, connect.will.topic if connect.will else "")
         if any(len(name) > self.limits.name_length for name in names):
             raise MalformedPacket(f"CONNECT with a client id or a topic of over {self.limits.name_length} characters")
-        if session.will_flag and not is_topic(session.will_topic):
-            raise MalformedPacket(f"last will on topic {session.will_topic!r}, which cannot be published on")
-        return ClientHandler(self, writer), session
+        session = Session()
+        session.client_id = connect.client_id or gen_client_id()
+        session.clean_session, session.keep_alive = connect.clean_session, connect.keepalive_s
+        session.username, session.password = connect.username, connect.password
+        session.level, session.will, session.grants = connect.level, connect.will, None
+        session.ssl_object = connection.get_ssl_info()
+        session.is_anonymous = False  # amqtt forgets the persistent sessions of anonymous clients within a second
+        return session
 
-    async def _handle_client_session(
-        self, reader: BufferReader, writer: Connection, session: Session, handler: ClientHandler, *_: Any
-    ) -> None:
-        if not await self._is_admitted(session, writer):
-            return
+    async def _attend(self, session: Session, connection: Connection) -> None:
         session = await self._adopt(session)
-        handler.attach(session, reader, writer)
+        handler = ClientHandler(self, connection, session)
         session.transitions.connect()
         self._sessions[session.client_id] = (session, handler)
+        connection.send(bytes((0x20, 2, session.parent if session.level > 3 else 0, 0)))  # CONNACK
         self.handlers.add(handler)
         self._routes.forget()
         try:
-            await handler.mqtt_connack_authorize(True)
-            await self._fire(BrokerEvents.CLIENT_CONNECTED, session)
             self._resume(session, handler)
+            await self._fire(BrokerEvents.CLIENT_CONNECTED, session)
             await handler.serve()
         except MalformedPacket as error:
-            self._refuse(writer, error.event, str(error))
+            self._refuse(connection, error.event, str(error), session.client_id)
         finally:
             await self._leave(session, handler)
 
     async def _is_admitted(self, session: Session, connection: Connection) -> bool:
         """Whether the client may connect; one that may not is told why not, and goes."""
-        # amqtt forgets the persistent sessions of anonymous clients within a second.
-        session.is_anonymous, session.grants = False, None
         if self._guard is None:
             return True
         try:
             session.grants = await self._guard.admit(session, partial(self._not_permitted, session.client_id))
         except Refused as refused:
-            self.meter.event("refused_not_authorized")
+            self.meter.refused("refused_not_authorized", str(refused))
             logger.warning("connection from %s:%d refused: %s", *connection.peer, refused)
-            connection.send(bytes((0x20, 2, 0, refused.code)))  # CONNACK (section 3.2)
-            await connection.close()
+            await self._answer(connection, refused.code)
             return False
         session.password = session.ssl_object = None  # a persistent session outlives its connection
         return True
 
     def _not_permitted(self, client_id: str, what: str) -> None:
+        self.meter.refusals.add(f"client {name_of(client_id)} may not {what}: no right for it in the rights file")
         logger.warning("client %s may not %s: no right for it in the rights file", client_id, what)
 
     async def _adopt(self, session: Session) -> Session:
@@ -159,18 +168,17 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if session.clean_session:
             await self._delete_session(session.client_id)
             return session
-        for name in ("flag", "topic", "message", "qos", "retain"):
-            setattr(old, f"will_{name}", getattr(session, f"will_{name}"))
+        old.level, old.will, old.grants = session.level, session.will, session.grants
         old.keep_alive, old.username, old.password = session.keep_alive, session.username, session.password
-        old.grants = session.grants
         old.parent = 1
         return old
 
     def _resume(self, session: Session, handler: ClientHandler) -> None:
-        handler.resume()
+        handler.deliveries.resume()
         self._away.returns(session.client_id)
         while not session.retained_messages.empty():
-            handler.deliver(session.retained_messages.get_nowait(), 1)
+            publication, qos, retain = session.retained_messages.get_nowait()
+            handler.deliver(publication, qos, retain=retain)
 
     async def _leave(self, session: Session, handler: ClientHandler) -> None:
         handler.connection.abort("the session has ended")
@@ -179,50 +187,48 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         self.handlers.discard(handler)
         self._routes.forget()
         session.transitions.disconnect()
-        waiting = handler.suspend()
+        waiting = handler.deliveries.suspend()
         if not session.clean_session:
-            for client_id in self._away.leaves(session.client_id, handler.kept_bytes):
+            for client_id in self._away.leaves(session.client_id, handler.deliveries.kept_bytes):
                 self.meter.event("dropped_sessions")
                 await self._delete_session(client_id)
-        for publication in waiting:
-            self._keep(session, publication)
-            publication.drop()
+        for message in waiting:
+            self._keep(session, message)
+            message.publication.drop()
         if session.clean_session:
             await self._delete_session(session.client_id)
         try:
-            if session.will_flag and not handler.left_cleanly:
-                await self._publish_will(session)
+            if session.will is not None and not handler.left_cleanly:
+                await self._publish_will(session, session.will)
             await self._fire(BrokerEvents.CLIENT_DISCONNECTED, session)
         finally:
             handler.left.set()
 
-    async def _publish_will(self, session: Session) -> None:
-        will = Publication(session.will_topic, memoryview(session.will_message), min(session.will_qos or 0, 1))
-        await self.accept(session, will, retain=bool(session.will_retain))
+    async def _publish_will(self, session: Session, will: Will) -> None:
+        await self.accept(session, Publication(will.topic, memoryview(will.payload), will.qos), retain=will.retain)
 
     async def _fire(self, event: BrokerEvents, session: Session) -> None:
         await self.plugins_manager.fire_event(event, client_id=session.client_id, client_session=session)
 
     # Subscriptions
 
-    async def add_subscription(self, subscription: tuple[str, int], session: Session) -> int:
-        """Grant QoS 0 or 1, or 0x80; a filter that is subscribed to again gets the new QoS."""
+    def add_subscription(self, subscription: Subscription, session: Session) -> int:
+        """Grant the QoS that is asked for, or 0x80; a filter that is subscribed to again gets the new QoS."""
         topic_filter, qos = subscription
         client_id = session.client_id
-        if not topic_filter or "\0" in topic_filter:
-            return REFUSED
         if session.grants is not None and not session.grants.may_subscribe(topic_filter):
             self.meter.event("refused_not_permitted")
             return REFUSED
-        if len(topic_filter) > self.limits.name_length or not self._filters.has_room(client_id, topic_filter):
-            self.meter.event("refused_subscriptions")
+        is_served = is_filter(topic_filter) and not topic_filter.startswith(SHARED)
+        is_short = len(topic_filter) <= self.limits.name_length
+        if not (is_served and is_short and self._filters.has_room(client_id, topic_filter)):
+            self.meter.refused("refused_subscriptions", f"client {name_of(client_id)}: subscription to {topic_filter}")
             return REFUSED
         self.remove_subscription(topic_filter, session)
-        granted: int = await super().add_subscription((topic_filter, min(qos, 1)), session)
-        if granted != REFUSED:
-            self._filters.add(client_id, topic_filter)
+        self._subscriptions.setdefault(topic_filter, []).append((session, qos))
+        self._filters.add(client_id, topic_filter)
         self._routes.forget()
-        return granted
+        return qos
 
     def remove_subscription(self, topic_filter: str, session: Session) -> None:
         """Nothing more is queued for the session by this filter."""
@@ -239,6 +245,10 @@ class SwarmBroker(Broker):  # type: ignore[misc]
     async def _delete_session(self, client_id: str) -> None:
         self._away.returns(client_id)
         await super()._delete_session(client_id)
+
+    async def _cleanup_session(self, client_id: str) -> None:
+        self._away.returns(client_id)
+        await super()._cleanup_session(client_id)
 
     async def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
         """Retained messages that a new subscription matches, to this client only, as fast as it reads them."""
@@ -261,8 +271,7 @@ class SwarmBroker(Broker):  # type: ignore[misc]
 
     async def accept(self, session: Session | None, publication: Publication, *, retain: bool) -> None:
         """A message from a client or from the broker itself: keep it if retained, pass it on."""
-        if session is not None and session.grants is not None and not session.grants.may_publish(publication.topic):
-            self.meter.event("refused_not_permitted")
+        if session is not None and not self._may_publish(session, publication.topic):
             return
         if retain:
             await self._retain(session, publication)
@@ -272,13 +281,22 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             if handler in self.handlers:
                 handler.deliver(publication, qos)
             elif qos and not receiver.clean_session:
-                self._keep(receiver, publication)
+                self._keep(receiver, Message(publication, qos))
         if publication.topic == topics.BROKER_METER_ASK and self.on_ask is not None:
             await self.on_ask(bytes(publication.payload))
 
     def has_receivers(self, topic: str) -> bool:
         """Whether anybody would get a message on this topic."""
         return bool(self._routes.receivers(topic))
+
+    def _may_publish(self, session: Session, topic: str) -> bool:
+        if session.grants is not None and not session.grants.may_publish(topic):
+            self.meter.event("refused_not_permitted")
+            return False
+        if topic[0] == "$":  # the broker's own (section 4.7.2)
+            self.meter.refused("refused_reserved", f"client {name_of(session.client_id)}: message on {topic}")
+            return False
+        return True
 
     def _may_receive(self, session: Session, topic: str) -> bool:
         return session.grants is None or bool(session.grants.may_receive(topic))
@@ -289,7 +307,10 @@ class SwarmBroker(Broker):  # type: ignore[misc]
         if session is None or self._retained.book(topic, len(payload)):
             await self.retain_message(session, topic, payload, publication.qos)
         else:
-            self.meter.event("refused_retained")
+            who, limit_bytes = name_of(session.client_id), self.limits.retained_bytes
+            text = f"client {who}: message to be retained on {topic}, {limit_bytes} bytes are kept of all together"
+            self.meter.refused("refused_retained", text)
+            logger.warning("%s", text)
             await self.retain_message(session, topic, b"", 0)  # better none than one that is out of date
 
     def patience_s(self, handler: ClientHandler) -> float:
@@ -299,14 +320,17 @@ class SwarmBroker(Broker):  # type: ignore[misc]
             return min(limits.pressed_stall_timeout_s, limits.stall_timeout_s)
         return limits.stall_timeout_s
 
-    def _keep(self, session: Session, publication: Publication) -> None:
-        """Hold a QoS 1 message for a persistent session that is away, up to a limit."""
-        size_bytes = len(publication.payload) + OVERHEAD_BYTES
-        if session.clean_session or not self._away.keep(session.client_id, size_bytes):
+    def _keep(self, session: Session, message: Message) -> None:
+        """Hold a message for a persistent session that is away, up to a limit."""
+        topic, payload = message.publication.topic, message.publication.payload
+        if session.clean_session:
             self.meter.event("dropped_offline")
-            return
-        kept = Publication(publication.topic, publication.payload, publication.qos)
-        session.retained_messages.put_nowait(kept)
+        elif self._away.keep(session.client_id, len(payload) + OVERHEAD_BYTES):
+            kept = Publication(topic, payload, message.qos)
+            session.retained_messages.put_nowait(message._replace(publication=kept))
+        else:
+            text = f"client {name_of(session.client_id)} is away, and too much waits for it: a message was dropped"
+            self.meter.refused("dropped_offline", text)
 
     async def _broadcast_message(
         self, session: Session | None, topic: str, data: bytes, force_qos: int | None = None

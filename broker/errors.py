@@ -13,6 +13,14 @@ class MalformedPacket(Exception):
     event = "refused_malformed"
 
 
+class NotAccepted(MalformedPacket):
+    """A CONNECT that is answered by a return code before its connection ends (MQTT 3.1.1, section 3.2.2.3)."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
 class MessageTooLarge(MalformedPacket):
     """A packet over the size limit, known from its fixed header, before anything is allocated."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 from collections.abc import Callable
 
@@ -14,6 +15,7 @@ from broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limits
 from broker.packets import Packet
 
 BUFFER_BYTES = 16 * 1024
+TOPIC_WAIT_S = 0.5
 
 
 class PacketReader:
@@ -49,7 +51,8 @@ class PacketReader:
         first, length = await self._fixed_header()
         limit_bytes = limit_bytes or (self._limits.message_bytes if first >> 4 == PUBLISH else CONTROL_BYTES)
         if length > limit_bytes:
-            raise MessageTooLarge(f"packet of {length} bytes, the limit here is {limit_bytes}")
+            what = f"PUBLISH{await self._topic()}" if first >> 4 == PUBLISH else f"packet 0x{first:02x}"
+            raise MessageTooLarge(f"{what} of {length} bytes, the limit here is {limit_bytes}")
         cost_bytes = 0
         if first >> 4 == PUBLISH:
             cost_bytes = length + OVERHEAD_BYTES
@@ -94,6 +97,17 @@ class PacketReader:
                 raise MalformedPacket("remaining length of more than four bytes")
         self._start += 1 + digits
         return first, length
+
+    async def _topic(self) -> str:
+        """The topic of a PUBLISH that is not taken, as far as it has come: for who looks for the reason."""
+        with contextlib.suppress(TimeoutError, PeerGone):
+            async with asyncio.timeout(TOPIC_WAIT_S):
+                await self._fill(2)
+                end = 2 + int.from_bytes(self._buffer[self._start : self._start + 2], "big")
+                if end <= BUFFER_BYTES:
+                    await self._fill(end)
+                    return f" on {bytes(self._buffer[self._start + 2 : self._start + end]).decode(errors='replace')!r}"
+        return ""
 
     async def _take(self, cost_bytes: int) -> None:
         if self._budget.try_take(cost_bytes):

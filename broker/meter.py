@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import Counter
 from collections.abc import Iterable
@@ -13,6 +14,10 @@ from common.counters import Cell, Counters
 from common.meter import Direction, MeterRow, packet_bytes, rows_of
 from common.mqtt_client import name_of
 from common.topics import ROOT, Link, arm_of, link_of, run_of
+
+logger = logging.getLogger("broker")
+
+FORGOTTEN = "/forgotten"  # stands for the runs that were; no run can have this name
 
 
 class LinkKey(NamedTuple):
@@ -27,6 +32,10 @@ class LinkKey(NamedTuple):
 
 # New counters beyond this are not kept: a client that makes topics up must not fill the memory with them.
 MAX_ROWS = 100_000
+# Beyond this the run goes of which nothing has been counted for longest, if that is QUIET_S or more.
+KEPT_ROWS = 50_000
+QUIET_S = 3600.0
+RUNS_MISSED = 1000
 
 
 class BrokerMeter:
@@ -43,8 +52,10 @@ class BrokerMeter:
         self.changes = 0
         self.refusals = Refusals()
         self._events: Counter[str] = Counter()
+        self._unmetered: Counter[str] = Counter()
         self._rows = Counters(folder)
         self._totals: dict[LinkKey, Cell] = {}
+        self._moved: dict[str, tuple[int, float]] = {}  # run -> its messages, and when they were first as many
         # By what a packet says of itself: the counters that it adds to. Only new ones need the lock, so that
         # counting a packet costs a lookup and six additions.
         self._counters: dict[tuple[str, str, Direction], tuple[Cell, ...]] = {}
@@ -96,6 +107,24 @@ class BrokerMeter:
         with self._lock:
             return {key: (counts[0], counts[1], counts[2]) for key, counts in self._totals.items()}
 
+    def unmetered(self, run: str) -> int:
+        """Messages of a run that there was no room to count; of runs beyond RUNS_MISSED, together."""
+        return self._unmetered[run] + self._unmetered[FORGOTTEN]
+
+    def age(self, now_s: float) -> None:
+        """Forget the rows of runs that ended long ago, where there are many; the totals go on without their names."""
+        messages: Counter[str] = Counter()
+        for key, counts in self._totals.items():
+            messages[key.run] += counts[0]
+        del messages[FORGOTTEN]
+        for run, count in messages.items():
+            if self._moved.get(run, (-1, now_s))[0] != count:
+                self._moved[run] = count, now_s
+        for run, (_, since_s) in sorted(self._moved.items(), key=lambda each: each[1][1]):
+            if len(self._rows) <= KEPT_ROWS or now_s - since_s < QUIET_S:
+                return
+            self._forget(run)
+
     def event_counts(self) -> dict[str, int]:
         """Refusals and the like since the start."""
         with self._lock:
@@ -118,7 +147,8 @@ class BrokerMeter:
         if len(self._counters) >= 2 * MAX_ROWS:
             self._counters = {}  # found again as they are needed; each incarnation of a client had its own
         if len(self._rows) >= MAX_ROWS and (name, topic, direction) not in self._rows:
-            self.event("unmetered")
+            self._miss(run_of(topic))
+            self.refused("unmetered", f"{MAX_ROWS} counters are kept, and all in use: a message was not counted")
             return ()
         with self._lock:
             row = self._rows.cell((name, topic, direction))
@@ -126,6 +156,21 @@ class BrokerMeter:
             counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
         self._counters[client_id, topic, direction] = counters
         return counters
+
+    def _miss(self, run: str) -> None:
+        known = run in self._unmetered or len(self._unmetered) < RUNS_MISSED
+        self._unmetered[run if known else FORGOTTEN] += 1
+
+    def _forget(self, run: str) -> None:
+        with self._lock:
+            self._rows.forget(f"{ROOT}/{run}/")
+            for key in [key for key in self._totals if key.run == run]:
+                into = self._totals.setdefault(LinkKey(FORGOTTEN, "", key.link, key.direction, ""), [0, 0, 0])
+                for place, count in enumerate(self._totals.pop(key)):
+                    into[place] += count
+            self._counters = {}  # found again as they are needed
+        del self._moved[run]
+        logger.info("run %s was counted long ago: its rows are forgotten", run)
 
     def _total(self, client: str, topic: str, direction: Direction) -> Cell:
         link = link_of(topic)

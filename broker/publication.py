@@ -41,10 +41,10 @@ class Publication:
         else:
             self._budget.release(OVERHEAD_BYTES)
 
-    def header(self, packet_id: int | None, *, dup: bool, retain: bool) -> bytes:
-        """Everything of the PUBLISH packet before the payload (MQTT 3.1.1, section 3.3)."""
-        identifier = b"" if packet_id is None else packet_id.to_bytes(2, "big")
-        flags = dup << 3 | (packet_id is not None) << 1 | retain
+    def header(self, qos: int, packet_id: int, *, dup: bool, retain: bool) -> bytes:
+        """Everything of the PUBLISH packet before the payload (MQTT 3.1.1, section 3.3); QoS 0 has no identifier."""
+        identifier = packet_id.to_bytes(2, "big") if qos else b""
+        flags = dup << 3 | qos << 1 | retain
         length = len(self._topic_bytes) + len(identifier) + len(self.payload)
         fixed: bytes = MQTTFixedHeader(PUBLISH, flags, length).to_bytes()
         return fixed + self._topic_bytes + identifier

@@ -11,10 +11,11 @@ import signal
 import socket
 import ssl
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from broker.access import Guard
 from broker.connection import Connection
@@ -24,13 +25,16 @@ from broker.limits import Limits
 from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from broker.tls import TlsFiles
-from common.errors import ConfigurationError
+from common.errors import ConfigurationError, RunError
 from common.memory import keep_freed_memory
+from common.mqtt_client import name_of
 
 logger = logging.getLogger("broker")
 
 WATCH_INTERVAL_S = 0.5
 ACCEPT_PAUSE_S = 0.5
+AGE_INTERVAL_S = 60.0
+LEAVE_S = 10.0
 KEEPALIVE_FACTOR = 1.5  # MQTT 3.1.1, section 3.1.2.10
 
 
@@ -62,6 +66,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
 
     Raises:
         ConfigurationError: an address is in use or cannot be listened on, or a file cannot be used for TLS.
+        RunError: a part of the broker has failed, without which it would go on only half.
     """
     context = settings.tls.context() if settings.tls is not None else None
     keep_freed_memory(settings.limits.memory_bytes)
@@ -80,12 +85,41 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         await publisher.announce()
         acceptor = Acceptor(listener, broker, context)
         stack.push_async_callback(acceptor.close)
-        for job in (watch(broker), publisher.run()):
-            stack.callback(asyncio.create_task(job).cancel)
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
+        try:
+            await _work(ended, watch(broker), age(broker), publisher.run(), broker.chores())
+        except ExceptionGroup as failed:
+            logger.exception("a part of the broker has failed")
+            first = failed.exceptions[0]
+            raise RunError(
+                f"a part of the broker has failed ({type(first).__name__}: {first}), so it ends; the lines above say "
+                "where; start it again, and please report this"
+            ) from first
+        finally:
+            _leave_within(LEAVE_S)
+
+
+async def _work(ended: asyncio.Event, *jobs: Coroutine[Any, Any, None]) -> None:
+    """Run jobs that never end by themselves until `ended`; one that fails ends them all."""
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(job) for job in jobs]
         await ended.wait()
+        for task in tasks:
+            task.cancel()
+
+
+def _leave_within(limit_s: float) -> None:
+    """End the process, whatever it does, should it not have left by then."""
+
+    def give_up() -> None:
+        logger.error("the broker did not leave within %g s, and is ended", limit_s)
+        os._exit(RunError.exit_code)
+
+    timer = threading.Timer(limit_s, give_up)
+    timer.daemon = True  # who leaves in time does not wait for it
+    timer.start()
 
 
 def _listen(host: str, port: int) -> socket.socket:
@@ -155,8 +189,9 @@ class Acceptor:
             return
         broker = self._broker
         if len(self._tasks) >= broker.limits.connections:
-            broker.meter.event("refused_connections")
-            logger.warning("connection refused: %d are open, the limit", len(self._tasks))
+            text = f"connection refused: {len(self._tasks)} are open, the limit"
+            broker.meter.refused("refused_connections", text)
+            logger.warning("%s", text)
             sock.close()
             return
         try:
@@ -199,7 +234,14 @@ async def watch(broker: SwarmBroker) -> None:
                 reason, what = f"it was silent for {allowed_s:g} s, 1.5 keepalives", "silent"
             else:
                 continue
-            broker.meter.event(f"dropped_{what}")
+            broker.meter.refused(f"dropped_{what}", f"client {name_of(handler.session.client_id)} dropped: {reason}")
             logger.warning("client %s dropped: %s", handler.session.client_id, reason)
             connection.abort(reason)
         await asyncio.sleep(WATCH_INTERVAL_S)
+
+
+async def age(broker: SwarmBroker) -> None:
+    """Have the meter forget what was counted long ago."""
+    while True:
+        broker.meter.age(asyncio.get_running_loop().time())
+        await asyncio.sleep(AGE_INTERVAL_S)

@@ -58,7 +58,7 @@ class SnapshotPublisher:
                 pieces=len(pieces),
                 metering=meter.enabled,
                 rows=rows,
-                unmetered=meter.event_counts().get("unmetered", 0),
+                unmetered=meter.unmetered(asked.run),
                 refusals=meter.refusals.lines(),
             )
             await self._publish(topic, piece, retain=False)

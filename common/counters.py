@@ -29,20 +29,29 @@ class Counters:
         self._folder = folder
         self._cells: dict[Key, Cell] = {}
         self._maps: list[mmap.mmap] = []
+        self._used = 0  # cells that the files hold, with those that were forgotten
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             for key in _read_keys(self._keys):
-                self._cells[key] = self._cell(len(self._cells))
+                if any(cell := self._new_cell()):  # zeros: never counted, or forgotten
+                    self._cells[key] = cell
 
     def cell(self, key: Key) -> Cell:
         """The cell of a key; zeros the first time."""
         found = self._cells.get(key)
         if found is None:
-            found = self._cells[key] = self._cell(len(self._cells))
+            found = self._cells[key] = self._new_cell()
             if self._folder is not None:
                 with self._keys.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(key) + "\n")
         return found
+
+    def forget(self, beginning: str) -> None:
+        """Have no more cells whose topic begins so. In files they stay, as zeros, until the files go."""
+        for key in [key for key in self._cells if key[1].startswith(beginning)]:
+            cell = self._cells.pop(key)
+            for place in range(_CELL):
+                cell[place] = 0
 
     def __len__(self) -> int:
         """Number of cells."""
@@ -67,10 +76,11 @@ class Counters:
         assert self._folder is not None
         return self._folder / "counters.keys"
 
-    def _cell(self, index: int) -> Cell:
+    def _new_cell(self) -> Cell:
         if self._folder is None:
             return [0] * _CELL
-        place, at = divmod(index, _CELLS_A_FILE)
+        place, at = divmod(self._used, _CELLS_A_FILE)
+        self._used += 1
         if place == len(self._maps):
             self._maps.append(_mapped(self._folder / f"counters-{place}.bin"))
         return memoryview(self._maps[place]).cast("q")[at * _CELL : (at + 1) * _CELL]

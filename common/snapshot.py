@@ -65,6 +65,6 @@ class CountersPiece(_Told):
     """Whether this broker counts at all."""
     rows: tuple[MeterRow, ...]
     unmetered: int = Field(0, ge=0)
-    """Messages of any run that it had no room to count."""
+    """Messages of this run that it had no room to count."""
     refusals: tuple[str, ...] = ()
     """What the broker refused or gave up, of any run: a line for each kind and client, the newest last, 20 at most."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import socket
@@ -59,6 +60,7 @@ class RawClient:
     """MQTT 3.1.1 by hand, for what a well-behaved client library would not do."""
 
     def __init__(self, port: int, tls: ssl.SSLContext | None = None) -> None:
+        self.present = 0  # what CONNACK said of a session
         self.sock = socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
         if tls is not None:
             self.sock = tls.wrap_socket(self.sock, server_hostname="127.0.0.1")
@@ -68,10 +70,10 @@ class RawClient:
 
     def connect(
         self, client_id: str, *, clean: bool = True, keepalive_s: int = 0, will: tuple[str, bytes] | None = None,
-        login: tuple[str, str] | None = None, code: int = 0,
+        will_flags: int = 0, login: tuple[str, str] | None = None, code: int = 0,
     ) -> int:  # fmt: skip
         """Returns session-present; `code` is the CONNACK's that is expected."""
-        flags = (2 if clean else 0) | (4 if will else 0) | (0xC0 if login else 0)
+        flags = (2 if clean else 0) | (4 if will else 0) | will_flags | (0xC0 if login else 0)
         body = text("MQTT") + bytes([4, flags]) + keepalive_s.to_bytes(2, "big") + text(client_id)
         if will is not None:
             body += text(will[0]) + len(will[1]).to_bytes(2, "big") + will[1]
@@ -142,28 +144,25 @@ class RawClient:
         return bytes(data)
 
 
+@contextlib.contextmanager
+def broker_process(*options: str) -> Iterator[BrokerProcess]:
+    """A broker on free ports, with any further options; it ends cleanly with the context."""
+    command = [sys.executable, "-m", "broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin", *options]
+    process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    ready = json.loads(process.stdout.readline())
+    yield BrokerProcess(process, ready["url"], ready["metrics"])
+    process.stdin.close()
+    assert process.wait(timeout=DEADLINE_S) == 0
+    process.stdout.close()
+
+
 @pytest.fixture
 def start_broker() -> Iterator[Callable[..., BrokerProcess]]:
-    """Starts brokers on free ports, with any further options; they end with the test."""
-    processes: list[subprocess.Popen[str]] = []
-
-    def start(*options: str) -> BrokerProcess:
-        command = [sys.executable, "-m", "broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin"]
-        process = subprocess.Popen(
-            [*command, *options], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        processes.append(process)
-        assert process.stdout is not None
-        ready = json.loads(process.stdout.readline())
-        return BrokerProcess(process, ready["url"], ready["metrics"])
-
-    yield start
-    for process in processes:
-        assert process.stdin is not None
-        process.stdin.close()
-        assert process.wait(timeout=DEADLINE_S) == 0
-        assert process.stdout is not None
-        process.stdout.close()
+    """Starts brokers; they end with the test."""
+    with contextlib.ExitStack() as stack:
+        yield lambda *options: stack.enter_context(broker_process(*options))
 
 
 @pytest.fixture

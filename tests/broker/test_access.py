@@ -223,7 +223,7 @@ def guard(keys):
 
 
 def let_in(guard: Guard, user: str, password: str) -> bool:
-    session = SimpleNamespace(username=user, client_id=user, password=password, ssl_object=None, will_flag=False)
+    session = SimpleNamespace(username=user, client_id=user, password=password.encode(), ssl_object=None, will=None)
     try:
         asyncio.run(guard.admit(session, lambda _: None))
     except Refused:

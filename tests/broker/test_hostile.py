@@ -192,6 +192,7 @@ def test_made_up_topics_do_not_fill_the_meter(monkeypatch):
     meter.received("c", "jouleswarm/r/fl/ul/1/0/experience", 10, 20)
     assert [(row.topic[-12:], row.messages) for row in meter.rows()] == [("0/experience", 2), ("1/experience", 1)]
     assert meter.event_counts() == {"unmetered": 7}
+    assert (meter.unmetered("r"), meter.unmetered("another")) == (7, 0)
 
 
 def test_a_message_costs_its_overhead_once_more_for_each_receiver():

@@ -69,7 +69,6 @@ def test_connections_over_the_limit_are_closed(start_broker, raw, eventually):
         b"\x30\x04\x00\x02\xc3\x28",  # topic not UTF-8
         b"\x30\x02\x00\x00",  # empty topic
         b"\x30\x03\x00\x01#",  # wildcard in a topic
-        b"\x30\x07\x00\x05$SYS/",  # reserved topic
         b"\x82\x02\x00\x01",  # SUBSCRIBE to nothing
         b"\x82\x06\x00\x01\x00\x01a\x03",  # SUBSCRIBE with QoS 3
         b"\x82\x07\x00\x01\x00\x09abc",  # filter longer than the packet

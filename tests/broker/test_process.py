@@ -137,3 +137,59 @@ def test_access_options_that_cannot_be_used_are_one_clear_line_and_exit_code_2(k
     assert (result.returncode, result.stdout) == (2, "")
     (line,) = result.stderr.splitlines()
     assert told in line
+
+
+BROKEN = """
+import asyncio, sys
+import broker.core, broker.server
+
+async def fails(self):
+    raise KeyError("a fault")
+
+async def hangs(self):
+    await asyncio.Event().wait()
+
+{fault}
+broker.server.LEAVE_S = 0.5
+sys.argv = ["broker", "--port", "0", "--no-metrics", "--exit-with-stdin"]
+from broker.__main__ import app
+app()
+"""
+
+
+def broken(fault: str, *, closing_stdin: bool) -> tuple[int, list[str]]:
+    """Exit code and stderr of a broker with a fault."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", BROKEN.format(fault=fault)],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline().startswith("{")
+    if closing_stdin:
+        process.stdin.close()
+    code = process.wait(timeout=20)
+    return code, process.stderr.read().splitlines()
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "broker.server.SnapshotPublisher.run = fails",
+        "broker.server.watch = fails",
+        "broker.core.Broker._session_monitor = fails",
+    ],
+)
+def test_a_part_that_fails_ends_the_broker_with_one_last_line_that_says_so(fault):
+    code, lines = broken(fault, closing_stdin=False)
+    assert code == 5
+    assert "broker: a part of the broker has failed (KeyError: 'a fault'), so it ends" in lines[-1]
+    assert any("Traceback" in line for line in lines)
+
+
+def test_leaving_has_an_end_of_its_own():
+    code, lines = broken("broker.core.Broker.shutdown = hangs", closing_stdin=True)
+    assert code == 5
+    assert "did not leave within 0.5 s" in lines[-1]

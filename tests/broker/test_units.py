@@ -72,8 +72,9 @@ def test_publication_gives_its_budget_back_once_with_its_last_holder():
 def test_publish_header_bytes():
     publication = Publication("a/b", memoryview(bytes(200)), 1)
     # 2 + 3 + 200 = 205 = 0x4d + 1 * 128; with an identifier 207
-    assert publication.header(None, dup=False, retain=True) == b"\x31\xcd\x01\x00\x03a/b"
-    assert publication.header(258, dup=True, retain=False) == b"\x3a\xcf\x01\x00\x03a/b\x01\x02"
+    assert publication.header(0, 0, dup=False, retain=True) == b"\x31\xcd\x01\x00\x03a/b"
+    assert publication.header(1, 258, dup=True, retain=False) == b"\x3a\xcf\x01\x00\x03a/b\x01\x02"
+    assert publication.header(2, 258, dup=False, retain=False) == b"\x34\xcf\x01\x00\x03a/b\x01\x02"
 
 
 def test_meter_books_under_the_plain_name_and_sums_by_link():
@@ -154,3 +155,48 @@ def test_rows_come_in_pieces_below_a_size():
     ]
     assert list(in_pieces(meter.rows()[:1], 1)) == [(meter.rows()[0],)]
     assert list(in_pieces([], 100)) == [()]
+
+
+def counting(monkeypatch, kept_rows: int) -> BrokerMeter:
+    """A meter with two rows of each of the runs a, b and c, of which b is counted again 10 minutes later."""
+    monkeypatch.setattr("broker.meter.KEPT_ROWS", kept_rows)
+    meter = BrokerMeter()
+    for run in "abc":
+        meter.received("agent-1", f"jouleswarm/{run}/maml/sl/1/1/weights", 10, 46)
+        meter.delivered("agent-2", f"jouleswarm/{run}/maml/sl/1/1/weights", 10, 48)
+    meter.age(0.0)
+    meter.received("agent-1", "jouleswarm/b/maml/sl/1/1/weights", 10, 46)
+    meter.age(600.0)
+    return meter
+
+
+def test_rows_of_runs_that_ended_long_ago_are_forgotten_where_there_are_many(monkeypatch):
+    meter = counting(monkeypatch, kept_rows=4)
+    totals = by_link(meter.totals().items())
+    meter.age(3599.0)
+    assert [len(meter.rows(run)) for run in "abc"] == [2, 2, 2], "an hour has not gone by"
+    meter.age(3600.0)
+    assert [len(meter.rows(run)) for run in "abc"] == [0, 2, 2], "now it has, and two rows fewer are enough"
+    assert by_link(meter.totals().items()) == totals, "what was counted altogether stays"
+    meter.received("agent-1", "jouleswarm/a/maml/sl/1/1/weights", 10, 46)
+    assert [row.messages for row in meter.rows("a")] == [1], "counted anew"
+
+
+def test_no_rows_are_forgotten_of_what_still_goes_on_or_where_there_is_room(monkeypatch):
+    meter = counting(monkeypatch, kept_rows=1)
+    meter.age(4199.0)
+    assert [len(meter.rows(run)) for run in "abc"] == [0, 2, 0]
+    roomy = counting(monkeypatch, kept_rows=6)
+    roomy.age(1e6)
+    assert len(roomy.rows()) == 6
+
+
+def test_forgotten_runs_do_not_come_back_with_the_next_broker(monkeypatch, tmp_path):
+    monkeypatch.setattr("broker.meter.KEPT_ROWS", 0)
+    meter = BrokerMeter(folder=tmp_path)
+    meter.received("agent-1", WEIGHTS, 10, 46)
+    meter.age(0.0)
+    meter.age(3600.0)
+    meter.age(7200.0)  # what is left of it is no run to forget
+    assert meter.rows() == []
+    assert BrokerMeter(folder=tmp_path).rows() == []

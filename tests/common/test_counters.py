@@ -110,3 +110,21 @@ def test_counts_survive_a_kill_in_the_middle_of_counting(tmp_path: Path) -> None
 def test_any_name_can_be_a_key(name: str, tmp_path: Path) -> None:
     add(Counters(tmp_path), (name, name, "in"), 1, 2, 3)
     assert read_counters(tmp_path) == {(name, name, "in"): (1, 2, 3)}
+
+
+def test_forgotten_cells_are_gone_and_what_comes_after_is_counted_right(tmp_path: Path) -> None:
+    for folder in (None, tmp_path):
+        counters = Counters(folder)
+        for key in (A, B, C):
+            add(counters, key, 1, 20, 30)
+        counters.forget("topic/b")
+        assert list(counters.items()) == [(A, (1, 20, 30)), (C, (1, 20, 30))]
+        assert (len(counters), B in counters) == (2, False)
+        add(counters, ("agent-1", "topic/d", "in"), 4, 4, 4)
+        add(counters, B, 7, 7, 7)
+        assert [cell for _, cell in counters.items()] == [(1, 20, 30), (7, 7, 7), (1, 20, 30), (4, 4, 4)]
+    counters.forget("topic/c")
+    again = Counters(tmp_path)
+    assert [key[1] for key, _ in again.items()] == ["topic/a", "topic/b", "topic/d"]
+    assert list(again.items("topic/b")) == [(B, (7, 7, 7))]
+    assert {key: cell for key, cell in read_counters(tmp_path).items() if any(cell)} == dict(again.items())
