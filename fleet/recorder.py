@@ -80,13 +80,17 @@ class Recorder:
     def waits(self) -> list[str]:
         """Who waits for what, and for how long nothing has come of it, the longest first: what lasts, in words."""
         now_s, after_s = time.monotonic(), self._scenario.bus.resend_after_s
-        told = [
-            (now_s - at_s + wait.quiet_s, f"{client} waits for {wait.what}")
+        told = {
+            client: (now_s - at_s + wait.quiet_s, f"{client} waits for {wait.what}")
             for client, (at_s, wait) in self._waits.items()
             if now_s - at_s < _FORGOTTEN_AFTER * after_s
+        }
+        silent = [
+            (self._patience.silent_s(client), f"nothing heard of {client}")
+            for client in self._silent()
+            if client not in told
         ]
-        silent = [(self._patience.silent_s(client), f"nothing heard of {client}") for client in self._silent()]
-        return [f"{what} ({quiet_s:.0f} s)" for quiet_s, what in sorted([*told, *silent], reverse=True)]
+        return [f"{what} ({quiet_s:.0f} s)" for quiet_s, what in sorted([*told.values(), *silent], reverse=True)]
 
     @property
     def received_bytes(self) -> dict[str, int]:

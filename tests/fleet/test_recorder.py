@@ -369,6 +369,15 @@ def test_who_waits_for_what_is_known_the_longest_first_until_it_gets_on(table: T
     assert table.recorder.waits == []
 
 
+def test_of_who_tells_what_it_waits_for_it_is_not_said_that_nothing_is_heard(table: Table) -> None:
+    table.recorder._patience._from_s -= 100  # so long ago it has begun
+    tell_wait(table, "agent-1", "round 8 of robots [2]", 100)
+    told = {wait.rpartition(" (")[0] for wait in table.recorder.waits}
+    assert told == {
+        "agent-1 waits for round 8 of robots [2]", "nothing heard of agent-2", "nothing heard of datacenter",
+    }  # fmt: skip
+
+
 def test_who_is_not_heard_of_is_named_and_ends_the_run_at_the_limit(scenario: Scenario, tmp_path: Path) -> None:
     federation = scenario.federation.model_copy(update={"give_up_after_s": 0.2})
     bus = scenario.bus.model_copy(update={"resend_after_s": 0.01})
