@@ -14,6 +14,7 @@ from common.options import (
     DurableOption,
     KeepStateOption,
     KeysOption,
+    OtherProcessorOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -42,13 +43,14 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
     """Start one robot: it joins its cluster over the broker, learns its task with its neighbours, and ends.
 
-    Every process of a run takes the same scenario file and the same --set options. Robots may come in any
-    order; each waits for its neighbours and, if the scenario has the arm, for the data center.
+    Every process of a run takes the same scenario file and the same --set options; one that has others is refused.
+    Robots may come in any order; each waits for its neighbours and, if the scenario has the arm, for the data center.
 
     Example: python -m agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario scenarios/quick.toml
     """
@@ -56,8 +58,10 @@ def main(
         # Late imports: --help and a wrong option answer at once.
         from agents.agent import run_agent
         from common import topics
-        from common.errors import ConfigurationError
+        from common.errors import ConfigurationError, RunError, usable
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
@@ -71,10 +75,15 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
+        if state is not None:
+            Lock(state, f"robot {id}")  # until the process ends
         use_one_thread()
+        same_arithmetic(state, arithmetic(), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
         gone = encode_json(Presence(agent=id, state="gone"))
+        with usable("--state", state):
+            meter = Meter("client", state)
         bus = MqttBus.connect(
             broker,
             f"agent-{id}",
@@ -82,9 +91,10 @@ def main(
             will=(topics.presence(name, assigned, id), gone),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
-            meter=Meter("client", state),
+            meter=meter,
         )
-        run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
+        with usable("--state", state, RunError):
+            run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

@@ -20,10 +20,11 @@ from common.bus import Bus
 from common.learner import Learner, Weights
 from common.metaheads import head_of, meta_shapes, start_of
 from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.payloads import ModelHeader, encode_model
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
+from common.payloads import ModelHeader
+from common.qnetwork import build_qnetwork, shapes_of, to_weights, use_of
 from common.rewards import RewardLedger
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import NOTHING, Keep, Stateful
@@ -35,7 +36,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
     """Live the whole life of robot `agent` on a connected bus; with a folder to `keep` go on from where one was killed.
 
     Raises:
-        ConfigurationError: another process is this robot.
+        ConfigurationError: another process is this robot, or the run has another scenario.
         RunError: the folder holds another robot's or scenario's state, lacks what the others are further with, or who
             is waited for does not come.
         TrainingError: a loss is not finite.
@@ -43,6 +44,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
+    exchange.agree(scenario)
     done = 2 * len(scenario.arms) + 1
     if memory.is_done:
         log.warning("robot %d of run %s: %s", agent, run, memory.done_line)
@@ -176,7 +178,7 @@ class Robot:
                 learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
         if self.agent == min({*scenario.cluster(self.task)}.difference(self.exchange.missed)):
-            self.exchange.hand_in(encode_model(mine, header, len(here.cluster)))
+            self.exchange.hand_in(encode_saved_model(mine, header, use_of(scenario.network), self.explorer.evaluation))
         self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
 
     def follow(self, arm: Arm, weights: Weights) -> None:

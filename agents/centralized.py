@@ -10,9 +10,11 @@ from agents.memory import Memory
 from agents.served import ServerLink
 from common.learner import Policy, Weights
 from common.methods import Arm
-from common.payloads import Episode, ModelHeader, encode_model
+from common.payloads import Episode, ModelHeader
+from common.qnetwork import use_of
 from common.rewards import RewardLedger
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.state import Stateful
 
@@ -67,6 +69,9 @@ def follow(
             break
         memory.save(arm.name, round_, kept)
     if here.agent == min(here.cluster):
-        header = ModelHeader(task=here.task, agent=here.agent, round=round_, reward=cluster_reward)
-        exchange.hand_in(encode_model(policy.weights(), header))
+        header = ModelHeader(
+            task=here.task, agent=here.agent, round=round_, reward=cluster_reward, rewards=ledger.newest()
+        )
+        use = use_of(scenario.network)
+        exchange.hand_in(encode_saved_model(policy.weights(), header, use, explorer.evaluation))
     memory.save(arm.name, round_, {"exchange": exchange}, ended=True)

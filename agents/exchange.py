@@ -16,15 +16,18 @@ import numpy as np
 from agents.absence import Absence
 from agents.neighbourhood import Neighbourhood
 from common import topics
+from common.agreement import Agreement
 from common.bus import Bus, Message, Payload
 from common.codecs import Shapes, Tensors, Weights
 from common.errors import PayloadError, RunError
+from common.host import Others, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import SERVED_METHODS, Arm
 from common.patience import Patience
 from common.payloads import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json, read_model
 from common.reports import Reporter
+from common.scenario import Scenario
 from common.settings import Bus as BusSettings
 from common.settings import Federation
 from common.state import State
@@ -83,8 +86,11 @@ class Exchange:
             "presence": self._take_presence,
             "resend": self._take_resend,
         }
-        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s)
+        processor = arithmetic()
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
+        self._others = Others(processor)
         self._reporter = Reporter(self._listener, run, rows)
+        self._agreement: Agreement | None = None
         self.report, self.announce = self._reporter.row, self._identity.announce
 
     @property
@@ -104,6 +110,16 @@ class Exchange:
         """
         self._identity.claim()
         self._subscriptions += self._identity.filters
+
+    def agree(self, scenario: Scenario) -> None:
+        """Have one scenario with all others of the run.
+
+        Raises:
+            ConfigurationError: the run has another.
+        """
+        self._agreement = Agreement(self._listener, scenario, self.run)
+        self._agreement.settle()
+        self._subscriptions += self._agreement.filters
 
     def join(self, arms: Sequence[Arm]) -> None:
         """Listen to where the neighbours are, then say hello."""
@@ -245,6 +261,8 @@ class Exchange:
 
     def hand_over(self, done: int, *, stay: bool) -> None:
         """Hand in rows and byte counters, being at stage `done`; `stay`: until the whole run is recorded."""
+        if self._agreement is not None:
+            self._agreement.leave()
         word = Presence(agent=self.here.agent, stage=done, state="done")
         self._reporter.hand_over(self._subscriptions, self._identity.presence, word, stay=stay)
 
@@ -306,8 +324,10 @@ class Exchange:
             does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
             log.warning("%s is gone; %s", name, does)
         elif presence.agent == 0:
+            self._others.heard(presence)
             self._datacenter_stage = max(self._datacenter_stage, presence.stage)
         elif presence.agent in self._stages:
+            self._others.heard(presence)
             self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
             self._absence.here(presence.agent)
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from agents.environment import LandmarksEnv
-from agents.tasks import ACTIONS, rmse_m, start_cells, table_policy, task_table
+from agents.tasks import ACTIONS, move, rmse_m, start_cells, table_policy, task_table
 from common.dqn import epsilon_greedy
 from common.experience import encode_experience
 from common.frames import resize
 from common.learner import Learner, Policy
 from common.maps import Cell
 from common.payloads import MotionHeader
+from common.savedmodel import Evaluation
 from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.settings import Starts
@@ -23,6 +25,13 @@ from common.state import State, generator_state, load_generator
 from common.work import Tally
 
 Frame = npt.NDArray[np.uint8]
+
+
+class Place(NamedTuple):
+    """In the middle of an episode; as in `LandmarksEnv.state`."""
+
+    cell: Cell
+    motions: int
 
 
 class Explorer:
@@ -40,6 +49,10 @@ class Explorer:
         self._frame: Frame | None = None
         self.tally = Tally()
         """Counts each motion as it is made, also of a round that is not kept."""
+        self._is_under_way = False  # whether the episode that goes up to a data center goes on in the next round
+        self._places: list[Place | None] = [None]  # where a meta-learning round leaves the robot, from round 0 on
+        self.evaluation: Evaluation | None = None
+        """How the newest `evaluate` was begun, for who wants to see it again."""
 
     @cached_property
     def _best(self) -> npt.NDArray[np.int64]:
@@ -56,13 +69,13 @@ class Explorer:
         self._rng = stream(seed, arm, "explore", self._agent)
         self._env.reset(seed=integer(seed, arm, "environment", self._agent))
         self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
-        self._frame = None
+        self._frame, self._is_under_way = None, False
 
     def state(self) -> State:
         """Where `begin` and what came after it have led to (see `common.state.Stateful`)."""
         arrays = {} if self._frame is None else {"frame": self._frame}
         values = {"rng": generator_state(self._rng), "evaluation": self._evaluation.state(), "env": self._env.state()}
-        return State(arrays, values)
+        return State(arrays, {**values, "under_way": self._is_under_way})
 
     def load_state(self, state: State) -> None:
         """Take up what `state` returned, after `begin`."""
@@ -70,6 +83,7 @@ class Explorer:
         load_generator(self._rng, state.values["rng"])
         self._evaluation.load_state(state.values["evaluation"])
         self._env.load_state(state.values["env"])
+        self._is_under_way = state.values["under_way"]
 
     def collect(self, learner: Learner, motions: int) -> int:
         """Move epsilon-greedily, from exploring starts, into the learner's replay; returns the transitions."""
@@ -93,13 +107,15 @@ class Explorer:
 
         An episode that does not reach the exit never counts above 0 (DESIGN: it counts only with its exit).
         """
+        discount = self._scenario.learning.discount
+        self.evaluation = Evaluation(discount=discount, noise=self._evaluation.state()["rng"])
         frame, info = self._evaluation.reset(options={"start": "entry"})
         walked, total, factor, ended, terminated = [info["cell"]], 0.0, 1.0, False, False
         while not ended:
             action = int(policy.q_values(self._resized(frame)).argmax())
             frame, reward, terminated, truncated, info = self._evaluation.step(action)
             total += factor * float(reward)
-            factor *= self._scenario.learning.discount
+            factor *= discount
             walked.append(info["cell"])
             ended = terminated or truncated
         error_m = rmse_m(walked, self._map, self._scenario.world.cell_m)
@@ -108,21 +124,22 @@ class Explorer:
     def motions(self, round_: int) -> Iterator[bytes]:
         """One meta-learning round's experience, a payload a motion, epsilon-greedy on the position-reward table.
 
-        Depends on nothing but scenario, robot and round: a round asked for again is the same to the bit.
+        The walk goes on from round to round. It depends on nothing but scenario, robot and round, wherever the robot
+        has been meanwhile: a round asked for again is the same to the bit.
         """
-        scenario, epsilon = self._scenario, self._scenario.meta.epsilon
-        rng = stream(scenario.seed, "meta", "explore", self._agent, round_)
-        best = self._best
-        self._starts = self._start_cells(scenario.cluster(self._task), scenario.meta.starts)
-        self._env.reset(seed=integer(scenario.seed, "meta", "environment", self._agent, round_))
-
-        def choose(frame: Frame, cell: Cell) -> int:
-            return int(rng.integers(len(ACTIONS))) if rng.random() < epsilon else int(best[cell])
-
-        yield from self._encoded(round_, choose, rng)
+        rng, place = self._meta_stream(round_), self._place_after(round_ - 1)
+        self._starts = self._meta_starts
+        self._env.reset(seed=integer(self._scenario.seed, "meta", "environment", self._agent, round_))
+        self._is_under_way = place is not None
+        if place is not None:
+            self._env.load_state({**self._env.state(), **place._asdict()})
+        yield from self._encoded(round_, lambda frame, cell: self._table_action(cell, rng), rng)
 
     def policy_motions(self, policy: Policy, round_: int) -> Iterator[bytes]:
-        """One round's experience for a data center that learns the task, epsilon-greedy on its own model."""
+        """One round's experience for a data center that learns the task, epsilon-greedy on its own model.
+
+        The walk goes on from round to round, as in `collect`.
+        """
         epsilon = self._scenario.learning.epsilon
 
         def choose(frame: Frame, cell: Cell) -> int:
@@ -131,14 +148,18 @@ class Explorer:
         yield from self._encoded(round_, choose, self._rng)
 
     def _encoded(self, round_: int, choose: Callable[[Frame, Cell], int], rng: np.random.Generator) -> Iterator[bytes]:
-        """A round's motions as payloads; it begins with an episode of its own."""
-        network, codec, first = self._scenario.network, self._scenario.meta.experience_codec, True
+        """A round's motions as payloads; it begins with another look from where the round before ended."""
+        network, codec = self._scenario.network, self._scenario.meta.experience_codec
+        if self._is_under_way:
+            frame, info = self._env.look()
         for motion in range(self._scenario.learning.motions_per_round):
+            first = not self._is_under_way
             if first:
                 frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
             action = choose(frame, info["cell"])
             next_frame, reward, terminated, truncated, info = self._env.step(action)
             self.tally.motion()
+            self._is_under_way = not (terminated or truncated)
             header = MotionHeader(
                 task=self._task,
                 agent=self._agent,
@@ -150,7 +171,33 @@ class Explorer:
                 terminated=terminated,
             )
             yield encode_experience(frame, header, codec, network.width, network.height)
-            frame, first = next_frame, terminated or truncated
+            frame = next_frame
+
+    @cached_property
+    def _meta_starts(self) -> Sequence[Cell]:
+        return self._start_cells(self._scenario.cluster(self._task), self._scenario.meta.starts)
+
+    def _meta_stream(self, round_: int) -> np.random.Generator:
+        return stream(self._scenario.seed, "meta", "explore", self._agent, round_)
+
+    def _table_action(self, cell: Cell, rng: np.random.Generator) -> int:
+        is_random = rng.random() < self._scenario.meta.epsilon
+        return int(rng.integers(len(ACTIONS))) if is_random else int(self._best[cell])
+
+    def _place_after(self, round_: int) -> Place | None:
+        """Where meta-learning round `round_` leaves the robot; None between two episodes.
+
+        Found by walking all rounds up to it by the same draws, without a camera.
+        """
+        while len(self._places) <= round_:
+            rng, place = self._meta_stream(len(self._places)), self._places[-1]
+            for _ in range(self._scenario.learning.motions_per_round):
+                cell, done = place or (_choose(self._meta_starts, rng), 0)
+                cell = move(cell, self._table_action(cell, rng), self._map.rows, self._map.cols)
+                is_over = cell == self._map.exit or done + 1 >= self._scenario.world.max_motions
+                place = None if is_over else Place(cell, done + 1)
+            self._places.append(place)
+        return self._places[round_]
 
     def _start(self) -> Frame:
         frame, _ = self._env.reset(options={"start": _choose(self._starts, self._rng)})

@@ -9,21 +9,28 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from common.counters import KEYS
+from common.errors import RunError
+from common.host import PROCESSOR
 from common.learner import Weights
+from common.lines import whole_lines
+from common.lock import LOCK
 from common.meter import Meter
 from common.reports import HANDED_IN
 from common.scenario import CHANGES_NOTHING, Scenario
+from common.seals import Growing
 from common.state import STATE_FILE, Keep, State, StateFile, Stateful
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
-_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}")
+_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}", PROCESSOR, LOCK)
 
 
 class Memory:
     """One state, replaced at the end of each round; without a folder nothing is remembered.
 
     A round is on disk before the next one's weights go out, so that neighbours, who keep a round for who asks again,
-    have what the robot needs when it comes back.
+    have what the robot needs when it comes back. The rows and counters beside the state, and the frames, are found as
+    they were, or the state is refused.
     """
 
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
@@ -32,9 +39,13 @@ class Memory:
         settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
         owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
         self._file = None
+        self._growing: dict[str, Growing] = {}
         if folder is not None:
             self._file = StateFile(folder / STATE_FILE, owner, self.frames, durable=keep.durable)
+            self._growing = {name: Growing(folder / name) for name in (_ROWS, KEYS)}
         self._state = self._file.load() if self._file else None
+        if folder is not None and self._state is None and _has_learned(folder / _ROWS):
+            raise RunError(f"{folder}: the robot's state is gone, though its rows are there; begin the run anew")
 
     @property
     def rows(self) -> Path | None:
@@ -114,6 +125,12 @@ class Memory:
         if self._file is None:
             return
         place = State(values={"arm": arm, "round": round_, "ended": ended})
-        self._file.save(State.of({**parts, "place": place}))
+        beside = State(files={name: growing.seal() for name, growing in self._growing.items()})
+        self._file.save(State.of({**parts, "place": place, "beside": beside}))
         if self._keep.durable:
             self._meter.flush()
+
+
+def _has_learned(rows: Path) -> bool:
+    """Whether there is a row of an arm's learning, before which a state is saved."""
+    return any(b'"phase":"fl"' in line for line in whole_lines(rows, mend=False))

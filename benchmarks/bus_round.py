@@ -44,8 +44,7 @@ def main() -> None:
 def _over_the_bus(overrides: list[str]) -> float:
     scenario = load_scenario(SCENARIO, overrides)
     with tempfile.TemporaryDirectory() as folder:
-        options = ["--scenario", str(Path(SCENARIO).resolve()), *(p for each in overrides for p in ("--set", each))]
-        run = run_deployment(scenario, options, "bus", Path(folder), Console(quiet=True))
+        run = run_deployment(scenario, "bus", Path(folder), Console(quiet=True))
         lines = (run / ROUNDS).read_text().splitlines()
     return _round_s([RoundRow.model_validate_json(line) for line in lines])
 

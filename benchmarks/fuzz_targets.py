@@ -19,13 +19,13 @@ from common.payloads import (
     MotionHeader,
     Presence,
     RoundRequest,
-    check_model,
     decode_json,
     encode_json,
     read_model,
 )
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow
+from common.savedmodel import check_model
 from common.snapshot import BrokerLimits, BrokerSnapshot, CountersPiece, CountersRequest
 from common.streams import WeightsEncoder
 

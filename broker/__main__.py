@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,8 @@ from broker.limits import MEGABYTE, Limits
 from broker.protection import protection_of, warning_of
 from broker.server import Addresses, Settings, run
 from common.broker_url import DEFAULT_PORT, DEFAULT_TLS_PORT
-from common.errors import JouleSwarmError
+from common.errors import usable
+from common.process import one_line_errors
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -157,7 +157,7 @@ def main(
         offline_sessions=max_offline_sessions,
         session_expiry_s=session_expiry_s,
     )
-    try:
+    with one_line_errors("broker"):
         tls, guard = protection_of(keys, tls_cert, tls_key, tls_client_ca, users, rights, connect_timeout_s)
         warning = warning_of(host, with_tls=tls is not None, with_users=guard is not None)
         if port is None:
@@ -169,10 +169,8 @@ def main(
                 typer.echo(f"broker: {warning}", err=True)
             (_announce_json if exit_with_stdin else _announce)(addresses)
 
-        asyncio.run(run(settings, ready, guard))
-    except JouleSwarmError as error:
-        typer.echo(f"broker: {error}", err=True)
-        sys.exit(error.exit_code)
+        with usable("--state", state):
+            asyncio.run(run(settings, ready, guard))
 
 
 def _announce_json(addresses: Addresses) -> None:

@@ -14,6 +14,7 @@ from argon2 import PasswordHasher, Type, extract_parameters
 from argon2.exceptions import Argon2Error, InvalidHashError
 
 from broker.rights import Access, Rights, Rule, parse_rights, permits, permits_filter
+from common import topics
 from common.errors import ConfigurationError
 from common.mqtt_client import name_of
 
@@ -53,11 +54,11 @@ class Grants:
 
     def may_receive(self, topic: str) -> bool:
         """Whether messages on `topic` may be delivered to the client."""
-        return permits(self._rules, Access.READ, topic)
+        return topic == topics.BROKER_LIMITS or permits(self._rules, Access.READ, topic)
 
     def may_subscribe(self, topic_filter: str) -> bool:
-        """Whether one of its rights covers the filter."""
-        if allowed := permits_filter(self._rules, topic_filter):
+        """Whether one of its rights covers the filter; what the broker takes everybody may know."""
+        if allowed := topic_filter == topics.BROKER_LIMITS or permits_filter(self._rules, topic_filter):
             return True
         self._refused(f"subscribe to {topic_filter}")
         return allowed

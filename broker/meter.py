@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from broker.refusals import Refusals
 from common.counters import Cell, Counters
+from common.errors import RunError
 from common.meter import Direction, MeterRow, packet_bytes, rows_of
 from common.mqtt_client import name_of
 from common.topics import ROOT, Link, arm_of, link_of, run_of
@@ -51,6 +52,8 @@ class BrokerMeter:
         self.enabled = enabled
         self.changes = 0
         self.refusals = Refusals()
+        self.on_failure: Callable[[RunError], None] = lambda error: None
+        """Called when there is no space to count in: the broker is to end."""
         self._events: Counter[str] = Counter()
         self._unmetered: Counter[str] = Counter()
         self._rows = Counters(folder)
@@ -63,8 +66,7 @@ class BrokerMeter:
         for (client, topic, direction), counts in self._rows.items():
             if direction != "acked":
                 total = self._total(client, topic, direction)  # type: ignore[arg-type]  # it was written as one
-                for place, count in enumerate(counts):
-                    total[place] += count
+                total.add(counts[1], counts[2], counts[0])
 
     def received(self, client_id: str, topic: str, payload_bytes: int, remaining_length: int) -> None:
         """Book a PUBLISH from a client."""
@@ -105,7 +107,7 @@ class BrokerMeter:
     def totals(self) -> dict[LinkKey, tuple[int, int, int]]:
         """(messages, payload bytes, packet bytes) for each run, arm, link, direction and client."""
         with self._lock:
-            return {key: (counts[0], counts[1], counts[2]) for key, counts in self._totals.items()}
+            return {key: total.counts for key, total in self._totals.items()}
 
     def unmetered(self, run: str) -> int:
         """Messages of a run that there was no room to count; of runs beyond RUNS_MISSED, together."""
@@ -114,8 +116,8 @@ class BrokerMeter:
     def age(self, now_s: float) -> None:
         """Forget the rows of runs that ended long ago, where there are many; the totals go on without their names."""
         messages: Counter[str] = Counter()
-        for key, counts in self._totals.items():
-            messages[key.run] += counts[0]
+        for key, total in self._totals.items():
+            messages[key.run] += total.messages
         del messages[FORGOTTEN]
         for run, count in messages.items():
             if self._moved.get(run, (-1, now_s))[0] != count:
@@ -134,10 +136,8 @@ class BrokerMeter:
         counters = self._counters.get(what)
         if counters is None:
             counters = self._new_counters(*what)
-        for counts in counters:
-            counts[0] += 1
-            counts[1] += payload_bytes
-            counts[2] += packet_size
+        for cell in counters:
+            cell.add(payload_bytes, packet_size)
         self.changes += len(counters)
 
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
@@ -151,7 +151,11 @@ class BrokerMeter:
             self.refused("unmetered", f"{MAX_ROWS} counters are kept, and all in use: a message was not counted")
             return ()
         with self._lock:
-            row = self._rows.cell((name, topic, direction))
+            try:
+                row = self._rows.cell((name, topic, direction))
+            except RunError as error:  # here a client's connection would end, again and again
+                self.on_failure(error)
+                return ()
             # The totals are of traffic; what was acknowledged of it concerns only who looks for losses.
             counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
         self._counters[client_id, topic, direction] = counters
@@ -165,9 +169,9 @@ class BrokerMeter:
         with self._lock:
             self._rows.forget(f"{ROOT}/{run}/")
             for key in [key for key in self._totals if key.run == run]:
-                into = self._totals.setdefault(LinkKey(FORGOTTEN, "", key.link, key.direction, ""), [0, 0, 0])
-                for place, count in enumerate(self._totals.pop(key)):
-                    into[place] += count
+                into = self._totals.setdefault(LinkKey(FORGOTTEN, "", key.link, key.direction, ""), Cell())
+                messages, payload_bytes, packet_bytes = self._totals.pop(key).counts
+                into.add(payload_bytes, packet_bytes, messages)
             self._counters = {}  # found again as they are needed
         del self._moved[run]
         logger.info("run %s was counted long ago: its rows are forgotten", run)
@@ -175,7 +179,7 @@ class BrokerMeter:
     def _total(self, client: str, topic: str, direction: Direction) -> Cell:
         link = link_of(topic)
         assert link is not None  # nothing else is ever counted
-        return self._totals.setdefault(LinkKey(run_of(topic), arm_of(topic), link, direction, client), [0, 0, 0])
+        return self._totals.setdefault(LinkKey(run_of(topic), arm_of(topic), link, direction, client), Cell())
 
 
 def by_link(totals: Iterable[tuple[LinkKey, tuple[int, int, int]]]) -> dict[Link, dict[str, dict[str, int]]]:

@@ -26,6 +26,7 @@ def protection_of(
         ConfigurationError: options that belong together are not all there, or a file cannot be read.
     """
     if keys is not None:
+        folder.warn_of_exposed(keys)
         own = keys / folder.BROKER
         certificate, key = certificate or own / folder.SERVER, key or own / folder.SERVER_KEY
         client_ca = client_ca or own / folder.CA
@@ -34,6 +35,9 @@ def protection_of(
         raise ConfigurationError("got a part of the TLS files; expected --tls-cert and --tls-key, with or without a CA")
     if (users is None) != (rights is None):
         raise ConfigurationError("got one of --users and --rights; expected both: without a right nothing is permitted")
+    if keys is None:
+        readable = [path for path in (key, users) if path is not None and folder.is_exposed(path)]
+        folder.warn_of(readable, f"chmod go= {' '.join(map(str, readable))}")
     tls = TlsFiles(certificate, key, client_ca) if certificate is not None and key is not None else None
     guard = load_guard(users, rights, login_timeout_s) if users is not None and rights is not None else None
     return tls, guard

@@ -26,6 +26,7 @@ from broker.meter import BrokerMeter
 from broker.snapshot import SnapshotPublisher
 from broker.tls import TlsFiles
 from common.errors import ConfigurationError, RunError
+from common.lock import Lock
 from common.memory import keep_freed_memory
 from common.mqtt_client import name_of
 
@@ -65,14 +66,25 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
     """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin. Without a guard everybody is let in.
 
     Raises:
-        ConfigurationError: an address is in use or cannot be listened on, or a file cannot be used for TLS.
-        RunError: a part of the broker has failed, without which it would go on only half.
+        ConfigurationError: an address is in use or cannot be listened on, a file cannot be used for TLS, or another
+            process holds the state folder.
+        RunError: the counters in that folder are not as they were written, or there is no space for more; or a part of
+            the broker has failed, without which it would go on only half.
     """
     context = settings.tls.context() if settings.tls is not None else None
     keep_freed_memory(settings.limits.memory_bytes)
     ended = _ending(settings.exit_with_stdin)
-    broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
+    failures: list[RunError] = []
+
+    def fail(error: RunError) -> None:
+        failures.append(error)
+        ended.set()
+
     async with AsyncExitStack() as stack:
+        if settings.state is not None:
+            stack.enter_context(Lock(settings.state, "broker"))
+        broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
+        broker.meter.on_failure = fail
         if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
@@ -99,6 +111,8 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
             ) from first
         finally:
             _leave_within(LEAVE_S)
+    if failures:
+        raise failures[0]
 
 
 async def _work(ended: asyncio.Event, *jobs: Coroutine[Any, Any, None]) -> None:

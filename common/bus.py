@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from common.meter import Meter, publish_packet_bytes
+from common.errors import MessageTooLargeError
+from common.meter import Meter, publish_body_bytes, publish_packet_bytes
 
 Payload = bytes | bytearray | memoryview
 
@@ -41,7 +42,13 @@ class Bus(Protocol):
         """Returns when the broker has confirmed it: nothing more is delivered for these filters."""
 
     def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
-        """Queue a message for sending; returns without waiting for the network. `payload` must not change."""
+        """Queue a message for sending; returns without waiting for the network. `payload` must not change.
+
+        Messages go out in this order. Over a lost connection a retained topic keeps its newest word only.
+
+        Raises:
+            MessageTooLargeError: the broker does not take one of this size; `receive` and `flush` raise it too.
+        """
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
@@ -62,6 +69,8 @@ class MemoryHub:
     """The broker of `MemoryBus` clients: one process, threads, no copies. Counts as the broker side does."""
 
     meter: Meter = field(default_factory=lambda: Meter("broker"))
+    limit_bytes: int | None = None
+    """Of a PUBLISH packet's remaining length."""
     _clients: dict[str, MemoryBus] = field(default_factory=dict)
     _retained: dict[str, Message] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -120,7 +129,9 @@ class MemoryBus:
             self._filters.pop(filter_, None)
 
     def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
-        size = len(payload)
+        size, limit_bytes = len(payload), self._hub.limit_bytes
+        if limit_bytes is not None and (body_bytes := publish_body_bytes(topic, size, qos)) > limit_bytes:
+            raise MessageTooLargeError(f"message of {body_bytes} bytes on {topic}: the hub takes at most {limit_bytes}")
         self.meter.count(self.client, topic, "out", size, publish_packet_bytes(topic, size, qos))
         self._hub.route(self.client, Message(topic, payload), qos, retain)
 

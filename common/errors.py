@@ -4,6 +4,14 @@ A message names what was got, what was expected and what to do. `exit_code` is w
 when the error reaches its top.
 """
 
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Iterator
+from os import PathLike, fsdecode
+from pathlib import Path
+
 
 class JouleSwarmError(Exception):
     """Root of the tree; catch this to catch all of ours."""
@@ -39,7 +47,55 @@ class RunError(JouleSwarmError):
     exit_code = 5
 
 
+class MessageTooLargeError(RunError):
+    """A message that the broker does not take for its size. It would be sent, refused and sent again for ever."""
+
+
 class StudyError(JouleSwarmError):
     """A study that cannot be planned, run to its end or read back."""
 
     exit_code = 6
+
+
+_USED_UP = {
+    errno.EMFILE: "raise `ulimit -n`: some 100 files are enough",
+    errno.ENFILE: "close other programs",
+    errno.ENOMEM: "close other programs, or take fewer robots",
+    errno.EAGAIN: "raise `ulimit -u`",
+}
+
+
+def used_up(error: OSError) -> str | None:
+    """One line for what any call may find used up, which is never a defect; None for any other error."""
+    advice = _USED_UP.get(error.errno or 0)
+    return advice and f"{_said(error)}; {advice}"
+
+
+@contextlib.contextmanager
+def usable(what: str, path: Path | None, kind: type[JouleSwarmError] = ConfigurationError) -> Iterator[None]:
+    """What the system says of a path that the user named becomes one of ours: what the path is for, which, and why.
+
+    It may stand around much: errors of other files, and of what is no file, stay what they are.
+
+    Raises:
+        JouleSwarmError: of this kind, in place of an OSError of `path`, of what is in it or of a folder that it is in.
+    """
+    try:
+        yield
+    except OSError as error:
+        if path is None or not _is_about(error, path.absolute()):
+            raise
+        advice = _USED_UP.get(error.errno or 0)
+        raise kind(f"{what} {path}: {_said(error)}{f'; {advice}' if advice else ''}") from error
+
+
+def _is_about(error: OSError, path: Path) -> bool:
+    if not isinstance(error.filename, str | bytes | PathLike):
+        return False
+    named = Path(fsdecode(error.filename)).absolute()
+    return named.is_relative_to(path) or path.is_relative_to(named)
+
+
+def _said(error: OSError) -> str:
+    of = f" ({fsdecode(error.filename)})" if isinstance(error.filename, str | bytes | PathLike) else ""
+    return f"{error.strerror or error}{of}"

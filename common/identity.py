@@ -20,9 +20,19 @@ class Identity:
     by its last will when it is gone, after 1.5 keepalives at the latest.
     """
 
-    def __init__(self, listener: Listener, run: str, task: int, agent: int, keepalive_s: float) -> None:
+    def __init__(
+        self,
+        listener: Listener,
+        run: str,
+        task: int,
+        agent: int,
+        keepalive_s: float,
+        processor: str | None = None,
+    ) -> None:
+        """`processor`: what the process computes on (see `common.host`), told with its presence."""
         self._listener, self._bus, self._agent = listener, listener.bus, agent
         self._topic, self.presence = topics.claim(run, task, agent), topics.presence(run, task, agent)
+        self._processor = processor
         self._who, self._patience_s = secrets.token_hex(8), 2 * keepalive_s
         self._holds = self._echoed = self._contested = self._somebody = False
         self.stage: int | None = None
@@ -61,7 +71,8 @@ class Identity:
     def announce(self, stage: int) -> None:
         """Tell everybody how far this process has come."""
         self.stage = stage
-        self._bus.publish(self.presence, encode_json(Presence(agent=self._agent, stage=stage)), retain=True)
+        presence = Presence(agent=self._agent, stage=stage, processor=self._processor)
+        self._bus.publish(self.presence, encode_json(presence), retain=True)
 
     def heard(self, presence: Presence) -> None:
         """What the bus says of this process itself: the last will of a lost connection is set right."""

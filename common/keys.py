@@ -8,8 +8,12 @@ FOLDER/NAME/{ca.crt,client.crt,client.key,password}     one folder a client: all
 
 from __future__ import annotations
 
+import logging
 import ssl
+import stat
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from common.errors import ConfigurationError
@@ -17,6 +21,9 @@ from common.errors import ConfigurationError
 CA, CA_KEY = "ca.crt", "ca.key"
 BROKER, SERVER, SERVER_KEY, USERS, RIGHTS = "broker", "server.crt", "server.key", "users", "rights"
 CLIENT, CLIENT_KEY, PASSWORD = "client.crt", "client.key", "password"
+_SECRETS = (CA_KEY, SERVER_KEY, USERS, CLIENT_KEY, PASSWORD)
+
+log = logging.getLogger("jouleswarm.keys")
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,35 @@ class Credentials:
         return context
 
 
+def exposed(folder: Path) -> list[Path]:
+    """The secrets in a folder of keys, as far as this process sees them, that others than their owner can read."""
+    secrets = sorted(path for name in _SECRETS for path in (*folder.glob(name), *folder.glob(f"*/{name}")))
+    return [path for path in secrets if is_exposed(path)]
+
+
+@cache
+def warn_of_exposed(folder: Path) -> None:
+    """Say in one line, once a process, that others can read keys."""
+    warn_of(exposed(folder), f"chmod -R go= {folder}")
+
+
+def warn_of(readable: Sequence[Path], remedy: str) -> None:
+    """Say in one line that others can read these files."""
+    if readable:
+        more = f" and {len(readable) - 1} more" if len(readable) > 1 else ""
+        log.warning("warning: others than the owner can read %s%s; %s keeps them out", readable[0], more, remedy)
+
+
+def is_exposed(path: Path) -> bool:
+    """Whether others than its owner can read a file, its folder let them in."""
+    try:
+        file, held = path.stat().st_mode, path.parent.stat().st_mode
+    except OSError:  # not for this process to see
+        return False
+    group = file & stat.S_IRGRP and held & stat.S_IXGRP
+    return bool(group or (file & stat.S_IROTH and held & stat.S_IXOTH))
+
+
 def credentials_of(folder: Path | None, client: str) -> Credentials | None:
     """What the client called `client` takes from a folder of keys; None without a folder.
 
@@ -55,6 +91,7 @@ def credentials_of(folder: Path | None, client: str) -> Credentials | None:
     """
     if folder is None:
         return None
+    warn_of_exposed(folder)
     own = folder / client
     try:
         password = (own / PASSWORD).read_text().strip()

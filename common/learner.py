@@ -78,7 +78,9 @@ class Learner(Policy):
         self._parameters = list(self.online.parameters())
         self._target_parameters = list(self._target.parameters())
         self._optimizer = _optimizer(settings, self._parameters)
-        self.replay = Replay(settings.replay_size, network.height, network.width, replay_file)
+        # A round's motions, each of which may open an episode with a frame more.
+        spare = 2 * settings.motions_per_round
+        self.replay = Replay(settings.replay_size, network.height, network.width, replay_file, spare)
         self.steps = 0
 
     def learn(self, batches: int) -> int:

@@ -73,10 +73,7 @@ class Meter:
         if link_of(topic) is None:
             return
         with self._lock:
-            cell = self._counters.cell((client, topic, direction))
-            cell[0] += 1
-            cell[1] += payload_bytes
-            cell[2] += packet_bytes
+            self._counters.cell((client, topic, direction)).add(payload_bytes, packet_bytes)
 
     def rows(self) -> list[MeterRow]:
         """The counters as rows, in a stable order."""
@@ -128,7 +125,12 @@ def read_work(client: str, folder: Path) -> list[WorkRow]:
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
     """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
-    return packet_bytes(2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes)
+    return packet_bytes(publish_body_bytes(topic, payload_bytes, qos))
+
+
+def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
+    """Its remaining length: what brokers have a limit for."""
+    return 2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes
 
 
 def packet_bytes(remaining_length: int) -> int:

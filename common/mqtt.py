@@ -5,18 +5,20 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
+from collections.abc import Callable
 from typing import Any, Self
 
-from paho.mqtt.client import MQTT_ERR_NO_CONN
-
+from common import topics
 from common.broker_url import BrokerAddress, parse_url
 from common.bus import Message, Payload
 from common.errors import BrokerUnreachableError, ConfigurationError
+from common.inbox import Inbox
 from common.keys import Credentials
 from common.meter import Meter
 from common.mqtt_client import FastClient, name_of, wire_id
 from common.refusals import SERVER_UNAVAILABLE, closed_early, connack_refusal, refusal, why
+from common.size_limit import SizeLimit
+from common.suspects import CONNECTIONS
 from common.tls import TlsSocket
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
@@ -36,6 +38,10 @@ class MqttBus:
 
     One thread uses it; paho's thread moves the bytes. Its meter counts every PUBLISH packet that was received, or
     written whole (again when it is sent again), under the plain client name.
+
+    What comes is read from the network as long as the user leaves no more than `common.inbox.BUDGET_BYTES` unread; then
+    TCP holds the broker back, whatever its own limits and the QoS are. While the user waits for an answer of the
+    broker everything is read: the answer comes last.
     """
 
     def __init__(
@@ -52,12 +58,14 @@ class MqttBus:
         self._address = address
         self._give_up_s = give_up_s
         self._changed = threading.Condition()
-        self._inbox: deque[Message] = deque()
+        self._inbox = Inbox()
+        self._awaited: Callable[[], bool] | None = None
+        self.limit = SizeLimit(address)
+        self._asked_for_limits = False
+        self._unanswered = 0  # connections in a row that ended before a SUBSCRIBE was answered
         self._filters: dict[str, int] = {}
         self._granted: dict[str, int] = {}
         self._asked: dict[int, tuple[str, ...]] = {}
-        self._retaining = threading.Lock()
-        self._retained: dict[str, bytes | bytearray] = {}  # a broker that was started anew knows none of it
         self._unsent_messages = self._unsent_bytes = 0
         self._connected = False
         self._lost_at_s = time.monotonic()
@@ -128,25 +136,31 @@ class MqttBus:
         self._wait_for(lambda: mid not in self._asked)
 
     def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
-        """Queue a message for sending. Waits only while 64 MB or 10 000 messages have not been sent."""
-        self._wait_for(self._has_room)
+        """Queue a message for sending. Waits only while 64 MB or 10 000 messages have not been sent.
+
+        Raises:
+            MessageTooLargeError: the broker has told that it takes none of this size.
+        """
+        self.limit.check(topic, len(payload), qos)
+        self._wait_for(self._may_send)
         data = payload if isinstance(payload, bytes | bytearray) else bytes(payload)
-        if not retain:
-            self._send(topic, data, qos, retain=False)
-            return
-        with self._retaining:  # a new connection must not put an older word after this one
-            self._retained[topic] = data
-            self._send(topic, data, qos, retain=True)
+        self._paho.send(topic, data, qos, retain=retain)
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
         """The next message, or None after `timeout_s`. None waits for ever.
 
         Raises:
             BrokerUnreachableError: the connection was lost and not won back in time.
+            MessageTooLargeError: the broker does not take what was published.
         """
         if not self._wait_for(lambda: bool(self._inbox), timeout_s):
             return None
-        return self._inbox.popleft()
+        with self._changed:
+            was_full = not self._inbox.has_room(time.monotonic())
+            message = self._inbox.take()
+        if was_full:
+            self._paho.look_again()
+        return message
 
     def flush(self) -> None:
         """Wait until all that was published has been sent, and at QoS 1 acknowledged by the broker."""
@@ -163,14 +177,6 @@ class MqttBus:
         finally:
             self._stop()
 
-    def _send(self, topic: str, data: bytes | bytearray, qos: int, *, retain: bool) -> None:
-        with self._changed:
-            self._unsent_messages += 1
-            self._unsent_bytes += len(data)
-        info = self._paho.publish(topic, data, qos, retain)
-        if qos == 0 and info.rc == MQTT_ERR_NO_CONN:
-            self._on_settled(len(data))
-
     # In the user's thread
 
     def _stop(self) -> None:
@@ -179,10 +185,10 @@ class MqttBus:
             self._changed.wait_for(lambda: not self._connected or self._failure, CLOSE_TIMEOUT_S)
         self._paho.loop_stop()
 
-    def _has_room(self) -> bool:
+    def _may_send(self) -> bool:
         return self._unsent_bytes < UNSENT_LIMIT_BYTES and self._unsent_messages < UNSENT_LIMIT_MESSAGES
 
-    def _wait_for(self, condition: Any, timeout_s: float | None = None) -> bool:
+    def _wait_for(self, condition: Callable[[], bool], timeout_s: float | None = None) -> bool:
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
             while not condition():
@@ -196,7 +202,11 @@ class MqttBus:
                         raise self._unreachable()
                 if deadline_s is not None and deadline_s <= now_s:
                     return False
+                self._awaited = condition
+                if not self._inbox.has_room(now_s):
+                    self._paho.look_again()
                 self._changed.wait(min(waits_s, default=None))
+            self._awaited = None
         return True
 
     def _unreachable(self) -> BrokerUnreachableError:
@@ -206,7 +216,12 @@ class MqttBus:
         )
 
     def _ask(self, filters: tuple[str, ...]) -> None:
-        mid = self._paho.subscribe([(filter_, self._filters[filter_]) for filter_ in filters])[1]
+        asked = [(filter_, self._filters[filter_]) for filter_ in filters]
+        # A broker that tells none, or not to this client, is as good; one may close the connection at the question.
+        if not self._asked_for_limits and self._unanswered < CONNECTIONS // 2:
+            asked.append((topics.BROKER_LIMITS, 0))
+            self._asked_for_limits = True
+        mid = self._paho.subscribe(asked)[1]
         if mid is not None:
             self._asked[mid] = filters
 
@@ -235,7 +250,10 @@ class MqttBus:
         client.on_unsubscribe = self._on_unsubscribe
         client.on_sent = self._on_sent
         client.on_received = self._on_received
+        client.has_room = self._has_room
+        client.on_queued = self._on_queued
         client.on_settled = self._on_settled
+        client.on_not_taken = self.limit.not_taken
         client.on_failure = self._on_failure
         return client
 
@@ -248,13 +266,10 @@ class MqttBus:
             else:
                 self._connected = True
                 self.connections += 1
+                self.limit.told_bytes, self._asked_for_limits = None, False
                 if self._filters:
                     self._ask(tuple(self._filters))
             self._changed.notify_all()
-        if self.connections > 1 and not reason.is_failure:
-            with self._retaining:
-                for topic, payload in self._retained.items():
-                    self._send(topic, payload, 1, retain=True)
 
     def _on_unreachable(self, error: OSError) -> None:
         if (mistake := refusal(error, self._address)) is not None:
@@ -263,6 +278,8 @@ class MqttBus:
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
+            unanswered = tuple(filter_ for filters in self._asked.values() for filter_ in filters)
+            self._unanswered = self._unanswered + 1 if unanswered else self._unanswered
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
                 self._why_lost = f"connection lost: {reason}"
@@ -271,9 +288,15 @@ class MqttBus:
             self._granted.clear()
             self._asked.clear()
             self._changed.notify_all()
+        if self._unanswered >= CONNECTIONS:
+            raise ConfigurationError(
+                f"broker {self._address} refused the subscription to {', '.join(unanswered)}: it closed the connection "
+                f"{CONNECTIONS} times in a row without an answer"
+            )
 
     def _on_subscribe(self, _client: Any, _data: Any, mid: int, reasons: Any, _properties: Any) -> None:
         with self._changed:
+            self._unanswered = 0
             for filter_, reason in zip(self._asked.pop(mid, ()), reasons, strict=False):
                 self._granted[filter_] = reason.value
             self._changed.notify_all()
@@ -287,10 +310,25 @@ class MqttBus:
         self.meter.count(self.client, topic, "out", payload_bytes, packet_bytes)
 
     def _on_received(self, topic: str, payload: memoryview, retained: bool, packet_bytes: int) -> None:
+        if topic == topics.BROKER_LIMITS:
+            self.limit.learn(payload)
+            for waiting in self._paho.backlog():
+                self.limit.check(*waiting)
+            return
         self.meter.count(self.client, topic, "in", len(payload), packet_bytes)
         with self._changed:
-            self._inbox.append(Message(topic, payload, retained))
+            self._inbox.put(Message(topic, payload, retained))
             self._changed.notify_all()
+
+    def _has_room(self) -> bool:
+        with self._changed:
+            awaits = self._awaited is not None and not self._awaited()
+            return awaits or self._inbox.has_room(time.monotonic())
+
+    def _on_queued(self, payload_bytes: int) -> None:
+        with self._changed:
+            self._unsent_messages += 1
+            self._unsent_bytes += payload_bytes
 
     def _on_settled(self, payload_bytes: int) -> None:
         with self._changed:

@@ -7,29 +7,32 @@ reconnection, acknowledgements and keepalive remain paho's.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import re
 import secrets
+import select
 import socket
 import ssl
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, _ConnectionState
+from paho.mqtt.enums import MQTTErrorCode, _ConnectionState
 from paho.mqtt.exception import MalformedPacket
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from common.meter import packet_bytes
+from common.mqtt_backlog import BacklogClient
 from common.refusals import TLS_ALERT, TlsAnswerError
+from common.suspects import Suspects
 
 logger = logging.getLogger("bus")
 
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
-INFLIGHT_MESSAGES = 60_000  # packet identifiers have 16 bits
+PAUSE_S = 1.0  # between two looks whether there is room for what comes
 _PUBLISH, _DISCONNECT = 0x30, 0xE0
 _INCARNATION = re.compile(r"\.[0-9a-f]{8}$")
 
@@ -46,26 +49,28 @@ def name_of(client_id: str) -> str:
     return _INCARNATION.sub("", client_id)
 
 
-class FastClient(paho.Client):
-    """paho's client with `recv_into` and gathered writes.
+class FastClient(BacklogClient):
+    """paho's client with `recv_into` and gathered writes, which reads only what there is room for.
 
     Callbacks, all called in the network thread:
         on_sent(topic, payload_bytes, packet_bytes): a PUBLISH was written whole.
         on_received(topic, payload, retained, packet_bytes): a PUBLISH came in whole.
-        on_settled(payload_bytes): a message needs no more sending (acknowledged; at QoS 0 written, or lost).
+        has_room(): whether another packet may be read. While not, the broker is left to wait.
+        on_not_taken(topic, packet_bytes): the broker closes each connection on which this message is sent.
         on_unreachable(error): a connection could not be made, or TLS failed; it is tried again unless this raises.
         on_failure(error): the network thread ends by this error.
     """
 
     on_sent: OnTransfer
     on_received: Callable[[str, memoryview, bool, int], None]
-    on_settled: Callable[[int], None]
+    has_room: Callable[[], bool]
+    on_not_taken: Callable[[str, int], None]
     on_unreachable: Callable[[OSError], None]
     on_failure: Callable[[BaseException], None]
 
     def __init__(self, client_id: str) -> None:
-        super().__init__(CallbackAPIVersion.VERSION2, client_id)
-        self.max_inflight_messages = INFLIGHT_MESSAGES
+        super().__init__(client_id)
+        self._suspects = Suspects()
         self._header = bytearray()
         self._body: memoryview | None = None
         self._got = 0
@@ -83,7 +88,7 @@ class FastClient(paho.Client):
         info: paho.MQTTMessageInfo | None = None,
         properties: Properties | None = None,
     ) -> MQTTErrorCode:
-        if self._sock is None:
+        if not self.is_open:
             return MQTTErrorCode.MQTT_ERR_NO_CONN
         identifier = mid.to_bytes(2, "big") if qos else b""
         header = bytearray((_PUBLISH | dup << 3 | qos << 1 | retain,))
@@ -103,7 +108,9 @@ class FastClient(paho.Client):
                 if isinstance(self._sock, ssl.SSLSocket):  # what came before the end may say why
                     self._packet_read()
                 return MQTTErrorCode.MQTT_ERR_CONN_LOST
-            self._alive()
+            self._progressed()
+            if packet["pos"] == 0 and isinstance(parts := packet["packet"], _Parts):
+                self._suspects.begun(packet["mid"] if packet["qos"] else parts.name, parts.name, len(parts))
             packet["pos"] += sent
             packet["to_process"] -= sent
             if packet["to_process"] == 0:
@@ -121,7 +128,8 @@ class FastClient(paho.Client):
 
     def _written(self, packet: Any) -> None:
         if isinstance(parts := packet["packet"], _Parts):
-            self.on_sent(parts.topic.decode(), len(parts.payload), len(parts))
+            self.on_sent(parts.name, len(parts.payload), len(parts))
+            self._suspects.written(packet["mid"] if packet["qos"] else parts.name, time.monotonic())
             if packet["qos"] == 0:
                 self.on_settled(len(parts.payload))
         elif packet["command"] & 0xF0 == _DISCONNECT:
@@ -131,23 +139,33 @@ class FastClient(paho.Client):
                 self._state = _ConnectionState.MQTT_CS_DISCONNECTED
 
     def _do_on_publish(self, mid: int, reason_code: ReasonCode, properties: Properties) -> MQTTErrorCode:
+        self._suspects.confirmed(mid)
         size = len(self._out_messages[mid].payload)
         result = super()._do_on_publish(mid, reason_code, properties)
         self.on_settled(size)
         return result
 
+    def _payload_bytes(self, packet: object) -> int:
+        return len(packet.payload) if isinstance(packet, _Parts) else 0
+
     def reconnect(self) -> MQTTErrorCode:
-        lost, self._out_packet = self._out_packet, deque()
-        for packet in lost:
-            if isinstance(parts := packet["packet"], _Parts) and packet["qos"] == 0:
-                self.on_settled(len(parts.payload))
+        self._suspects.connecting()
         self._header.clear()
         self._body = None
         return super().reconnect()
 
+    def _loop_rc_handle(self, rc: MQTTErrorCode) -> MQTTErrorCode:
+        was_closed = rc == MQTTErrorCode.MQTT_ERR_CONN_LOST and self._state == _ConnectionState.MQTT_CS_CONNECTED
+        result = super()._loop_rc_handle(rc)
+        if was_closed and (suspect := self._suspects.lost(time.monotonic())) is not None:
+            self.on_not_taken(suspect.topic, suspect.packet_bytes)
+        return result
+
     # Receiving
 
     def _packet_read(self) -> MQTTErrorCode:
+        if self._body is None and not self._header and self.is_open and not self._finds_room():
+            return MQTTErrorCode.MQTT_ERR_AGAIN
         try:
             if (self._body is None and not self._read_fixed_header()) or not self._read_body():
                 return MQTTErrorCode.MQTT_ERR_CONN_LOST
@@ -168,6 +186,21 @@ class FastClient(paho.Client):
         except MalformedPacket:
             return MQTTErrorCode.MQTT_ERR_PROTOCOL
 
+    def _finds_room(self) -> bool:
+        """Wait a moment for room to read on, or until there is something to write."""
+        if self.has_room():
+            return True
+        self._heard()  # no answer is overdue that nobody listens for; PINGREQs go on
+        sock, wake = self._sock, [] if self._sockpairR is None else [self._sockpairR]
+        select.select(wake, [sock] if self._out_packet and isinstance(sock, socket.socket) else [], [], PAUSE_S)
+        return self.has_room()
+
+    def look_again(self) -> None:
+        """There may be room now. From any thread."""
+        if self._sockpairW is not None:
+            with contextlib.suppress(BlockingIOError):  # it has been told already
+                self._sockpairW.send(b"0")
+
     def _read_fixed_header(self) -> bool:
         header = self._header
         while len(header) < 2 or header[-1] >= 128:
@@ -181,7 +214,7 @@ class FastClient(paho.Client):
             raise TlsAnswerError("got a TLS alert, expected MQTT")
         length = sum((digit & 127) << 7 * place for place, digit in enumerate(header[1:]))
         self._body, self._got = memoryview(bytearray(length)), 0
-        self._alive()
+        self._heard()
         return True
 
     def _read_body(self) -> bool:
@@ -194,7 +227,7 @@ class FastClient(paho.Client):
             if count == 0:
                 return False
             self._got += count
-            self._alive()
+            self._heard()
         return True
 
     def _handle(self, first: int, body: memoryview) -> MQTTErrorCode:
@@ -220,14 +253,21 @@ class FastClient(paho.Client):
 
     # Life
 
-    def _alive(self) -> None:
-        # Progress on a large message is a sign of life. Without this, a message that takes longer than two
-        # keepalives is never sent: the PINGREQ waits behind it, paho gives up, reconnects and sends it again.
+    # Progress on a large message is a sign of life. Without this, a message that takes longer than two keepalives
+    # is never sent: the PINGREQ waits behind it, paho gives up, reconnects and sends it again.
+
+    def _progressed(self) -> None:
         now_s = time.monotonic()
         with self._msgtime_mutex:
             self._last_msg_out = self._last_bytes_received = now_s
         if self._ping_t > 0:
             self._ping_t = now_s
+
+    def _heard(self) -> None:
+        # Not a word from this client: the broker still waits for its PINGREQ.
+        with self._msgtime_mutex:
+            self._last_bytes_received = time.monotonic()
+        self._ping_t = 0.0
 
     def _create_socket(self) -> Any:
         try:
@@ -252,7 +292,7 @@ class _Parts:
     """A PUBLISH packet in paho's queue: header and payload side by side, never joined."""
 
     def __init__(self, header: bytearray, payload: bytes | bytearray, topic: bytes) -> None:
-        self.header, self.payload, self.topic = header, memoryview(payload), topic
+        self.header, self.payload, self.name = header, memoryview(payload), topic.decode()
 
     def __len__(self) -> int:
         return len(self.header) + len(self.payload)

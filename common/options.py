@@ -33,6 +33,14 @@ VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="
 KeepStateOption = Annotated[
     bool, typer.Option("--keep-state", envvar="JOULESWARM_KEEP_STATE", help="Leave the --state folder at the end too.")
 ]
+OtherProcessorOption = Annotated[
+    bool,
+    typer.Option(
+        "--other-processor",
+        envvar="JOULESWARM_OTHER_PROCESSOR",
+        help="Go on although it was begun on another processor or build of PyTorch: weights may differ in their bits.",
+    ),
+]
 DurableOption = Annotated[
     bool,
     typer.Option(

@@ -16,12 +16,11 @@ import numpy.typing as npt
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from common.bus import Payload
-from common.codecs import FLOAT32, Array, Shapes, Tensors, WeightsCodec, check, check_weights, is_difference, layouts
+from common.codecs import FLOAT32, Array, Shapes, Tensors, WeightsCodec, check, is_difference, layouts
 from common.errors import PayloadError
 from common.tensorfile import (
     MAX_HEADER_BYTES,
     Header,
-    decode_floats,
     decode_tensors,
     encode_tensors,
     first_reason,
@@ -32,6 +31,7 @@ MOTION_METADATA_BYTES = 320
 MAX_REWARD = 1e9
 """The largest |reward| that is taken: scenarios stay far below, and in float32 its square is finite, so no message can
 make a learner's loss infinite."""
+MAX_PROCESSOR = 400
 MAX_COUNT = 2**53
 """Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
 MAX_TOLD = 300
@@ -41,7 +41,8 @@ Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 Reward = Annotated[float, Field(ge=-MAX_REWARD, le=MAX_REWARD, allow_inf_nan=False)]
 
 
-def _from_json(value: object) -> object:
+def from_json(value: object) -> object:
+    """A metadata value that is no text stands there as JSON."""
     return json.loads(value) if isinstance(value, str) else value
 
 
@@ -54,7 +55,7 @@ class ModelHeader(Header):
     round: Count
     reward: Reward | None = Field(None, description="average running reward R of the sender")
     samples: Count = Field(0, description="|E_k|: new transitions of the round")
-    rewards: Annotated[dict[int, tuple[int, Reward]], BeforeValidator(_from_json)] = Field(
+    rewards: Annotated[dict[int, tuple[int, Reward]], BeforeValidator(from_json)] = Field(
         default_factory=dict, description="newest known (round, episode reward) of each robot of the cluster"
     )
     codec: Literal["float16", "int8", "topk"] | None = Field(None, description="of the tensors; none: float32")
@@ -79,8 +80,8 @@ class MotionHeader(Header):
     motion: Count
     action: int = Field(ge=0, le=3)
     reward: Reward
-    first: Annotated[bool, BeforeValidator(_from_json)] = Field(description="the frame opens an episode")
-    terminated: Annotated[bool, BeforeValidator(_from_json)]
+    first: Annotated[bool, BeforeValidator(from_json)] = Field(description="the frame opens an episode")
+    terminated: Annotated[bool, BeforeValidator(from_json)]
     codec: Literal["png", "resized"] | None = Field(None, description="of the frame; none: raw")
     padding: str = ""
 
@@ -95,6 +96,7 @@ class Presence(Header):
     agent: Count
     stage: Count = 0
     state: Literal["here", "gone", "done"] = Field("here", description="gone: the last will of a process that died")
+    processor: str | None = Field(None, max_length=MAX_PROCESSOR, description="what it computes on: see common/host.py")
 
 
 class RoundRequest(Header):
@@ -172,18 +174,6 @@ def read_model(payload: Payload, shapes: Shapes, codec: WeightsCodec) -> tuple[T
     except PayloadError as error:
         raise PayloadError(f"model of robot {header.agent}, round {header.round}: {error}") from error
     return tensors, header
-
-
-def check_model(payload: Payload) -> ModelHeader:
-    """The header of a float32 model of whatever shape, for who only keeps it.
-
-    Raises:
-        PayloadError: not a safetensors file with a model's metadata, or values that no receiver would take.
-    """
-    tensors, header = decode_floats(payload, ModelHeader, "model")
-    for name, tensor in tensors.items():
-        check_weights(name, tensor)
-    return header
 
 
 def encode_motion(frame: npt.NDArray[np.uint8], header: MotionHeader) -> bytes:

@@ -10,7 +10,8 @@ import sys
 from collections.abc import Iterator
 from types import FrameType
 
-from common.errors import JouleSwarmError
+from common.disk import full_disk_is_told
+from common.errors import JouleSwarmError, RunError, used_up
 
 STOPPED = 130
 
@@ -29,11 +30,29 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
     )
     signal.signal(signal.SIGTERM, _stop)
     signal.signal(signal.SIGINT, _stop)
-    try:
+    with one_line_errors(name):
         yield
+
+
+@contextlib.contextmanager
+def one_line_errors(name: str) -> Iterator[None]:
+    """An error of ours ends the process with one line and its exit code; so does what the system has used up."""
+    try:
+        with full_disk_is_told():
+            yield
     except JouleSwarmError as error:
-        print(f"{name}: {error}", file=sys.stderr, flush=True)
-        raise SystemExit(error.exit_code) from error
+        told, code = str(error), error.exit_code
+    except OSError as error:
+        if (line := used_up(error)) is None:
+            raise
+        told, code = line, RunError.exit_code
+    else:
+        return
+    try:
+        print(f"{name}: {told}", file=sys.stderr, flush=True)
+    except OSError:  # on a full disk; Python would try once more, and end with a code of its own
+        os._exit(code)
+    raise SystemExit(code)
 
 
 def use_one_thread() -> None:
@@ -54,5 +73,6 @@ def leave_at_once(code: int) -> None:
 
 
 def _stop(signum: int, _frame: FrameType | None) -> None:
-    # Work under way may be a long call into C, or a wait for a network that is gone: do not wait for either.
-    leave_at_once(STOPPED if signum == signal.SIGINT else 128 + signum)
+    # Work under way may be a long call into C, or a wait for a network that is gone: do not wait for either. Nor flush:
+    # the signal may have come in the middle of a write, which cannot be begun again inside itself.
+    os._exit(STOPPED if signum == signal.SIGINT else 128 + signum)

@@ -10,10 +10,13 @@ import torch
 from torch import Tensor, nn
 
 from common.errors import ConfigurationError
+from common.savedmodel import Input, Layer, Use
 from common.settings import Network
 
-CHANNELS = 4  # red, green, blue, depth
-ACTIONS = 4  # forward, backward, left, right
+CHANNEL_NAMES = ("red", "green", "blue", "depth")
+ACTION_NAMES = ("forward", "backward", "left", "right")
+CHANNELS, ACTIONS = len(CHANNEL_NAMES), len(ACTION_NAMES)
+_CENTRE, _SCALE = 128.0, 64.0
 
 
 def build_qnetwork(network: Network, seed: int | None = None) -> nn.Sequential:
@@ -65,7 +68,34 @@ def observations(frames: npt.NDArray[np.uint8], device: torch.device | str = "cp
     Centred: with 0..1 all frames share a large common part, so that a step for one landmark moves the values
     of all the others, and learning takes about twice as many rounds.
     """
-    return torch.from_numpy(frames).to(device).permute(0, 3, 1, 2).to(torch.float32).sub_(128.0).div_(64.0)
+    return torch.from_numpy(frames).to(device).permute(0, 3, 1, 2).to(torch.float32).sub_(_CENTRE).div_(_SCALE)
+
+
+def use_of(network: Network) -> Use:
+    """What a file of such a network's weights says of how it is used: all that `observations` and the layers do."""
+    return Use(
+        input=Input(
+            height=network.height, width=network.width, channels=CHANNEL_NAMES, subtract=_CENTRE, divide=_SCALE
+        ),
+        network=tuple(_described(layer) for layer in build_qnetwork(network)),
+        actions=ACTION_NAMES,
+    )
+
+
+def _described(layer: nn.Module) -> Layer:
+    match layer:
+        case nn.Conv2d():
+            kernel, stride = layer.kernel_size[0], layer.stride[0]
+            return Layer(
+                layer="conv2d", inputs=layer.in_channels, outputs=layer.out_channels, kernel=kernel, stride=stride
+            )
+        case nn.Linear():
+            return Layer(layer="linear", inputs=layer.in_features, outputs=layer.out_features)
+        case nn.Flatten():
+            return Layer(layer="flatten")
+        case nn.ReLU():
+            return Layer(layer="relu")
+    raise TypeError(f"no description of {layer}")  # whoever adds a layer describes it
 
 
 def to_weights(model: nn.Module) -> dict[str, npt.NDArray[np.float32]]:

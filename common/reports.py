@@ -121,6 +121,8 @@ class Reporter:
         self._bus.flush()
         # From here on nothing comes that is metered, but acknowledgements that the report cannot hold anyway.
         self._hand_in()
+        while self._misses_something():
+            self._hand_in()
         while stay and self.has_recorder and not self._is_over:
             self._await_recorder(lambda: self._is_over or self._misses_something(), "the whole run to be recorded")
             if not self._is_over:
@@ -161,6 +163,7 @@ class Reporter:
         self._listener.until(condition, lambda: what, ask_again, whom=lambda: [topics.RECORDER])
 
     def _misses_something(self) -> bool:
+        """Whether a recorder is there that has not got all from this process: another one than before."""
         return self._recorded and not self._parts <= self._acknowledged
 
     def _pieces(self) -> Iterator[MeterReport]:

@@ -12,19 +12,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal
-
-from pydantic import BaseModel, ConfigDict
+from typing import Any
 
 from common.bus import Payload
-from common.errors import ConfigurationError
+from common.disk import disk_error
+from common.errors import ConfigurationError, RunError
 from common.lines import whole_lines
+from common.lock import LOCK
 from common.meter import MeterRow
-from common.state import write_whole
+from common.rowfile import RowFile
+from common.rows import RoundRow
+from common.seals import Seal
+from common.state import State, StateFile, write_whole
 from common.work import WorkRow
 
+__all__ = ["MANIFEST", "METER", "PROGRESS", "ROUNDS", "STATE", "SUMMARY", "WORK", "RoundRow", "RunDirectory"]
+
+_COMPUTED_ON = "computed_on"
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""
 
@@ -36,135 +43,131 @@ MANIFEST, ROUNDS, METER, WORK, PROGRESS, SUMMARY = (
     "progress.jsonl",
     "summary.json",
 )
-
-
-class RoundRow(BaseModel):
-    """One robot's round (or, agent 0, one training task of the data center's MAML round)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    phase: Literal["maml", "fl"]
-    """maml: the meta-learning stage in the data center, by whatever method. fl: everything else."""
-    arm: str
-    task: int
-    agent: int
-    round: int
-    reward: float | None = None
-    """Discounted return of the robot's greedy episode from the entry."""
-    cluster_reward: float | None = None
-    """R, which decides whether the task is learned: see agents/neighbourhood.py."""
-    rmse_m: float | None = None
-    gradients: int = 0
-    """Batch gradients really computed; of the data center support + query."""
-    gradients_support: int | None = None
-    gradients_query: int | None = None
-    beta: float | None = None
-    """Cost of an exact meta-gradient over a first-order one, where the data center measured it."""
-    experience_bytes: int | None = None
-    """Payload bytes of raw observations that the data center's round was learned from."""
-    learned: bool | None = None
-    """On a robot's last row of an arm: whether R reached the target."""
-    missed: tuple[int, ...] = ()
-    """Neighbours without whom the robot went on (federation.on_missing = "proceed")."""
-    refused: int = 0
-    """Payloads refused so far."""
-    seconds: float
-
-    def sort_key(self) -> tuple[str, str, int, int, int]:
-        """Order of the finished file, whatever the order of arrival."""
-        return self.arm, {"maml": "0"}.get(self.phase, "1"), self.task, self.agent, self.round
+_SUMS, _SEALS = "rows.sums", "seals"
 
 
 class RunDirectory:
-    """Append-only writer of one run. Lines are whole on disk before the next one is begun."""
+    """Writer of one run. Lines are whole on disk before the next one is begun."""
 
-    def __init__(self, path: Path, *, resume: bool = False) -> None:
-        """Make the directory, or go on with one.
+    def __init__(self, path: Path, *, resume: bool = False, state: Path | None = None) -> None:
+        """Make the directory, or go on with one; who does so holds its lock (see `common.lock`).
+
+        Args:
+            path: of the directory.
+            resume: go on with what is there.
+            state: a folder for what tells, when the run is gone on with, that all is as it was written.
 
         Raises:
             ConfigurationError: it exists and is not empty (nothing is ever written over), or is none to go on with.
+            RunError: it is to be gone on with, and a file is not as it was written.
         """
         if resume and not (path / MANIFEST).exists():
             raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
-        if not resume and path.exists() and any(path.iterdir()):
+        if not resume and path.exists() and any(each.name != LOCK for each in path.iterdir()):
             raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
-        self.path = path
-        self._told: dict[tuple[object, ...], bytearray] = {}  # whose rows: by round, whether it is there
+        self.path, self._state = path, state
+        self._rows = RowFile(path / ROUNDS, state and state / _SUMS)
+        self._seals: dict[str, Seal] = {}
+        # A model that was handed in is not handed in again: on the disk, as the model is.
+        self._sealed = StateFile(state / _SEALS, str(STATE), durable=True) if state else None
+        if state is not None:
+            state.mkdir(parents=True, exist_ok=True)
         if resume:
-            whole_lines(path / ROUNDS)
-            whole_lines(path / PROGRESS)
-            for name in (METER, WORK, SUMMARY):  # of a run that was interrupted
-                (path / name).unlink(missing_ok=True)
-            for row in self._each_row():
-                self._book(row)
+            self._go_on()
         (path / "weights").mkdir(parents=True, exist_ok=True)
+
+    def _go_on(self) -> None:
+        if self._sealed is not None:
+            sealed = self._sealed.load()
+            if sealed is None and (self.path / ROUNDS).exists():
+                raise RunError(f"{self._state}: what tells of the run's files is gone; begin the run anew")
+            self._seals = sealed.files if sealed is not None else {}
+        self._rows.go_on()
+        whole_lines(self.path / PROGRESS)
+        for name in (METER, WORK, SUMMARY):  # of a run that was interrupted
+            (self.path / name).unlink(missing_ok=True)
 
     def manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""
-        self._replace(MANIFEST, json.dumps(manifest, indent=2) + "\n")
+        self._keep(MANIFEST, (json.dumps(manifest, indent=2) + "\n").encode())
+
+    def computed_on(self, client: str, processor: str) -> None:
+        """Note in the manifest what a process computes on from here on."""
+        manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        noted = manifest.setdefault("host", {}).setdefault(_COMPUTED_ON, {}).setdefault(client, [])
+        if noted[-1:] != [processor]:
+            noted.append(processor)
+            self.manifest(manifest)
 
     def round(self, row: RoundRow) -> None:
-        """Append a row; one that is there already, told again by a process that was killed, is left out.
-
-        So is one that comes late: `complete` brings it.
-        """
-        if row.round >= len(self._told.get(_whose(row), b"")) and self._book(row):
-            self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+        """Append a row (see `RowFile.add`)."""
+        self._rows.add(row)
 
     def complete(self, rows: Iterable[RoundRow]) -> None:
-        """Append those of a process's rows that have not come."""
-        for row in rows:
-            if self._book(row):
-                self._append(ROUNDS, row.model_dump_json(exclude_none=False))
+        """Append those of a process's rows that have not come or were lost."""
+        self._rows.complete(rows)
 
-    def _book(self, row: RoundRow) -> bool:
-        """Whether a row is not there yet."""
-        there = self._told.setdefault(_whose(row), bytearray())
-        there.extend(bytes(max(0, row.round + 1 - len(there))))
-        is_new, there[row.round] = not there[row.round], 1
-        return is_new
+    def lost_rows(self) -> str:
+        """What of the rows written has been lost for good, in words; "" if nothing: then the run may be complete."""
+        return self._rows.lost()
 
     def progress(self, row: dict[str, Any]) -> None:
         """Append a point of the byte curves."""
-        self._append(PROGRESS, json.dumps(row))
+        try:
+            with (self.path / PROGRESS).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise disk_error(self.path / PROGRESS, error) from error
 
     def meter(self, rows: Iterable[MeterRow]) -> None:
         """Write the final counters."""
-        self._replace(METER, "".join(row.model_dump_json() + "\n" for row in rows))
+        write_whole(self.path / METER, "".join(row.model_dump_json() + "\n" for row in rows).encode())
 
     def work(self, rows: Iterable[WorkRow]) -> None:
         """Write what the processes have done."""
-        self._replace(WORK, "".join(row.model_dump_json() + "\n" for row in rows))
+        write_whole(self.path / WORK, "".join(row.model_dump_json() + "\n" for row in rows).encode())
 
     def summary(self, summary: dict[str, Any]) -> None:
-        """Write the summary, and the rows in their final order."""
-        ordered = sorted(self.rows, key=RoundRow.sort_key)
-        self._replace(ROUNDS, "".join(row.model_dump_json() + "\n" for row in ordered))
-        self._replace(SUMMARY, json.dumps(summary, indent=2) + "\n")
+        """Write the summary, and the rows in their final order.
+
+        Raises:
+            RunError: a number in it is not finite, which JSON cannot say; nothing of the run is lost.
+        """
+        try:
+            text = json.dumps(summary, indent=2, allow_nan=False)
+        except ValueError as error:
+            raise RunError(
+                f"{self.path / SUMMARY}: a figure is not finite ({error}), expected finite ones; rows and counters are "
+                "whole, see `jouleswarm report` with other prices"
+            ) from error
+        self._rows.sort()
+        write_whole(self.path / SUMMARY, (text + "\n").encode())
 
     def weights(self, name: str, payload: Payload) -> None:
         """Keep a model, as it came from the bus, as weights/<name>.safetensors."""
-        path = self.path / "weights" / f"{name}.safetensors"
-        write_whole(path, payload)
+        self._keep(f"weights/{name}.safetensors", payload)
 
     @property
     def rows(self) -> list[RoundRow]:
-        """Rows written so far, in order of arrival; read again, so that memory does not grow with the rounds."""
-        return list(self._each_row())
+        """Rows written so far, in order of arrival."""
+        return list(self._rows.rows())
 
-    def _each_row(self) -> Iterator[RoundRow]:
-        path = self.path / ROUNDS
-        if path.exists():
-            with path.open(encoding="utf-8") as file:
-                yield from map(RoundRow.model_validate_json, file)
+    def _keep(self, name: str, content: Payload) -> None:
+        """Write a file that a resumed run must find as it is."""
+        if self._state is None or self._sealed is None:
+            write_whole(self.path / name, content)
+            return
+        seal, beside = Seal.of(content), os.path.relpath(self.path / name, self._state)
+        if (held := self._seals.get(beside)) is not None and not held.is_like(seal):
+            # Whoever is killed before it is written finds the one before, or this one.
+            del self._seals[beside]
+            self._sealed.save(State(files=self._seals))
+        write_whole(self.path / name, content)
+        self._seals[beside] = seal
+        self._sealed.save(State(files=self._seals))
 
-    def _append(self, name: str, line: str) -> None:
-        with (self.path / name).open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
 
-    def _replace(self, name: str, text: str) -> None:
-        write_whole(self.path / name, text.encode())
-
-
-def _whose(row: RoundRow) -> tuple[object, ...]:
-    return row.arm, row.phase, row.task, row.agent
+def computed_on(manifest: dict[str, Any]) -> dict[str, list[str]]:
+    """Client -> what it has computed on, one after the other, as a run's manifest has it (see `common.host`)."""
+    noted: dict[str, list[str]] = manifest.get("host", {}).get(_COMPUTED_ON, {})
+    return noted

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import reprlib
 import tomllib
 from collections.abc import Sequence
 from functools import cached_property
@@ -11,7 +12,9 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from common.documents import parse_json, parse_toml
 from common.errors import ConfigurationError
+from common.fitting import misfits
 from common.maps import TaskMap, parse_map
 from common.methods import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
 from common.settings import Bus, Camera, Energy, Federation, Learning, Meta, Network, Section, Task, World
@@ -28,10 +31,10 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 class Scenario(Section):
     """A whole experiment. Build one with `load_scenario`."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")
-    seed: int = Field(1, ge=0)
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
+    seed: int = Field(1, ge=0, le=2**63 - 1)
     methods: tuple[Method, ...] = ("maml", "fl")
-    tasks: tuple[Task, ...] = Field(min_length=1)
+    tasks: tuple[Task, ...] = Field(min_length=1, max_length=1000)
     world: World = World()
     camera: Camera = Camera()
     network: Network = Network()
@@ -63,6 +66,11 @@ class Scenario(Section):
                 raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
         if self.meta_methods and self.meta.t0 < 1:
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
+        if self.meta_methods and not self.meta.training_tasks:
+            raise ValueError(
+                f"meta.training_tasks is empty and methods has {', '.join(self.meta_methods)}: expected one or more of "
+                f"the tasks {ids}"
+            )
         if self.meta_methods and not set(self.meta.training_tasks) <= set(ids):
             raise ValueError(f"meta.training_tasks {self.meta.training_tasks} are not all among the tasks {ids}")
         meta = self.meta
@@ -89,6 +97,8 @@ class Scenario(Section):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
+        if misfit := next(misfits(self), None):
+            raise ValueError(misfit)
         return self
 
     def _check_on_missing(self) -> None:
@@ -180,13 +190,16 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        data = json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)
+        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
     except OSError as error:
         raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+    except (KeyError, TypeError) as error:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"scenario {path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
+        raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
     for override in overrides:
         _apply(data, override)
     return scenario_from(data, str(path))
@@ -214,17 +227,20 @@ def scenario_from(data: dict[str, Any], where: str) -> Scenario:
 
 def _apply(data: dict[str, Any], override: str) -> None:
     key, equals, text = override.partition("=")
+    shown = repr(override) if len(override) <= 80 else repr(override[:77]) + "..."
     if not equals or not key:
-        raise ConfigurationError(f"override {override!r}: expected section.key=value, for example meta.t0=42")
+        raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
     *sections, last = key.strip().split(".")
     for section in sections:
         data = data.setdefault(section, {})
         if not isinstance(data, dict):
-            raise ConfigurationError(f"override {override!r}: {section!r} is not a section")
+            raise ConfigurationError(f"override {shown}: {section!r} is not a section")
     try:
-        data[last] = tomllib.loads(f"value = {text}")["value"]
+        data[last] = parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         data[last] = text
+    except ValueError as error:
+        raise ConfigurationError(f"override {shown}: {error}") from error
 
 
 def _one_line(error: ValidationError) -> str:
@@ -237,5 +253,8 @@ def _one_line(error: ValidationError) -> str:
 
 
 def _short(value: object) -> str:
-    text = json.dumps(value, default=str)
+    try:
+        text = json.dumps(value, default=str)
+    except RecursionError:
+        text = reprlib.repr(value)
     return text if len(text) < 60 else text[:57] + "..."

@@ -154,9 +154,8 @@ def _array(tensor: dict[str, Any], code: str, shape: tuple[int, ...]) -> Array:
 
 
 def _metadata(header: Header, size_bytes: int) -> dict[str, str]:
-    fields = header.model_dump(mode="json", by_alias=True, exclude={"padding"})
+    fields = header.model_dump(mode="json", by_alias=True, exclude={"padding"}, exclude_none=True)
     metadata = {key: value if isinstance(value, str) else json.dumps(value) for key, value in fields.items()}
-    metadata = {key: value for key, value in metadata.items() if value != "null"}
     metadata["padding"] = ""
     used = len(json.dumps(metadata, separators=(",", ":")))
     return {**metadata, "padding": " " * max(0, size_bytes - used)}

@@ -46,6 +46,7 @@ _LINKS = {
 _PHASES = {Link.UPLINK: "maml", Link.DOWNLINK: "maml", Link.SIDELINK: "fl", Link.CONTROL: "control"}
 
 
+_LONGEST_RUN = 128  # it is the name of a folder too
 _RUN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 
 
@@ -55,8 +56,11 @@ def run_name(name: str) -> str:
     Raises:
         ConfigurationError: it cannot.
     """
-    if not _RUN.fullmatch(name):
-        raise ConfigurationError(f"run name {name!r}: expected letters, digits, _ - and ., not beginning with .")
+    if not _RUN.fullmatch(name) or len(name) > _LONGEST_RUN:
+        shown = name if len(name) <= _LONGEST_RUN else f"{name[:40]}... of {len(name)} letters"
+        raise ConfigurationError(
+            f"run name {shown!r}: expected letters, digits, _ - and ., not beginning with ., {_LONGEST_RUN} at most"
+        )
     return name
 
 
@@ -153,6 +157,16 @@ def recorder(run: str) -> str:
 def acknowledgement(run: str, client: str) -> str:
     """What the recorder has written down of a client's. As of reports, nobody's counters hold it."""
     return f"{ROOT}/{run}/meter/{client}/ack"
+
+
+def probe(run: str) -> str:
+    """From the recorder to itself: whether the broker passes on a message of the run's largest size. Not metered."""
+    return f"{ROOT}/{run}/meter/{RECORDER}/probe"
+
+
+def scenario(run: str, whose: str) -> str:
+    """Retained: the run's scenario, of the recorder, or of whoever came first (`SHARED`). Never metered."""
+    return f"{ROOT}/{run}/meter/{whose}/scenario"
 
 
 def wait(run: str, client: str) -> str:

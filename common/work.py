@@ -37,16 +37,15 @@ class Tally:
     """Counts what is done at one place, the moment it is done; without a cell for nobody."""
 
     def __init__(self, cell: Cell | None = None) -> None:
-        self._cell: Cell = [0, 0, 0] if cell is None else cell
+        self._cell = Cell() if cell is None else cell
 
     def gradients(self, plain: int = 1, query: int = 0) -> None:
         """Batch gradients have been computed."""
-        self._cell[0] += plain
-        self._cell[1] += query
+        self._cell.add(query, 0, messages=plain)
 
     def motion(self) -> None:
         """A motion has been made."""
-        self._cell[2] += 1
+        self._cell.add(0, 1, messages=0)
 
 
 TallyOf = Callable[[int], Tally]

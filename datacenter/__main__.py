@@ -14,6 +14,7 @@ from common.options import (
     DurableOption,
     KeepStateOption,
     KeysOption,
+    OtherProcessorOption,
     RunOption,
     ScenarioOption,
     SetOption,
@@ -36,6 +37,7 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
 ) -> None:
@@ -49,21 +51,31 @@ def main(
     with process("data center", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
         from common import topics
-        from common.errors import ConfigurationError
+        from common.errors import ConfigurationError, RunError, usable
+        from common.host import arithmetic, same_arithmetic
         from common.keys import credentials_of
+        from common.lock import Lock
         from common.meter import Meter
         from common.mqtt import MqttBus
         from common.payloads import Presence, encode_json
         from common.scenario import load_scenario
         from common.state import Keep
+        from common.verify import check_states
+        from datacenter.device import accelerator
         from datacenter.server import run_datacenter
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
+        if state is not None:
+            Lock(state, "data center")  # until the process ends
+            check_states(state)
         use_one_thread()
+        same_arithmetic(state, arithmetic(accelerator()), other_processor=other_processor)
         keep_freed_memory()
         name = topics.run_name(run or settings.name)
+        with usable("--state", state):
+            meter = Meter("client", state)
         bus = MqttBus.connect(
             broker,
             "datacenter",
@@ -71,9 +83,10 @@ def main(
             will=(topics.presence(name, 0, 0), encode_json(Presence(agent=0, state="gone"))),
             keepalive_s=settings.bus.keepalive_s,
             connect_timeout_s=settings.bus.connect_timeout_s,
-            meter=Meter("client", state),
+            meter=meter,
         )
-        run_datacenter(settings, name, bus, Keep(state, durable, keep_state))
+        with usable("--state", state, RunError):
+            run_datacenter(settings, name, bus, Keep(state, durable, keep_state))
 
 
 if __name__ == "__main__":

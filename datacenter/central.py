@@ -15,7 +15,7 @@ from common.state import State
 from common.streams import WeightsEncoder
 from common.work import TallyOf, nobody
 from datacenter.cluster_desk import Turn
-from datacenter.motions import Motion, read_motion, remember
+from datacenter.motions import Motion, Walks, read_motion
 
 METHOD = "centralized"
 
@@ -30,6 +30,7 @@ class CentralLearner:
         self._scenario, self._folder, self._tally = scenario, folder, tally
         self.per_robot = scenario.learning.motions_per_round
         self._learners = {task: self._learner(task) for task in scenario.clusters}
+        self._walks = {task: Walks(learner.replay, self.per_robot) for task, learner in self._learners.items()}
         self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
@@ -50,25 +51,28 @@ class CentralLearner:
         """The task's model after this round's steps as payload, and the batch gradients computed."""
         learner = self._learners[turn.task]
         for _, motions in sorted(turn.arrived.items()):
-            remember(learner.replay, motions)
+            self._walks[turn.task].remember(motions)
         gradients = learner.learn(self._scenario.learning.batches_per_round * len(turn.arrived))
         header = ModelHeader(task=turn.task, agent=0, round=turn.round)
         return self._encoders[turn.task].payload(learner.weights(), header), gradients
 
     def state(self, task: int) -> State:
         """See `datacenter.cluster_desk.Service`."""
-        return State.of({"learner": self._learners[task].state(), "encoder": self._encoders[task].state()})
+        learner, walks, encoder = self._learners[task], self._walks[task], self._encoders[task]
+        return State.of({"learner": learner.state(), "walks": walks.state(), "encoder": encoder.state()})
 
     def load_state(self, task: int, state: State) -> None:
         """See `datacenter.cluster_desk.Service`."""
         self._learners[task].load_state(state.part("learner"))
+        self._walks[task].load_state(state.part("walks"))
         self._encoders[task].load_state(state.part("encoder"))
 
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario
         # All robots' transitions in one memory, of the size that theirs have together.
-        size = scenario.learning.replay_size * len(scenario.cluster(task))
-        settings = scenario.learning.model_copy(update={"replay_size": size})
+        robots, learning = len(scenario.cluster(task)), scenario.learning
+        sizes = {"replay_size": robots * learning.replay_size, "motions_per_round": robots * learning.motions_per_round}
+        settings = learning.model_copy(update=sizes)
         weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
         frames = self._folder / f"frames-{task}.bin" if self._folder else None
         rng = stream(scenario.seed, METHOD, "learn", task)

@@ -6,10 +6,20 @@ import contextlib
 import hashlib
 from pathlib import Path
 
+from pydantic import ValidationError
+
+from common.counters import KEYS
+from common.errors import RunError
+from common.lines import whole_lines
+from common.rows import RoundRow
 from common.scenario import CHANGES_NOTHING, Scenario
+from common.seals import Growing, Seal
 from common.state import State, StateFile, Stateful, sync, write_whole
 
 _FINISHED = "finished"
+_BESIDE = ("rounds.jsonl", KEYS)
+"""Of the data center, in the folder above."""
+_MODEL = "model-"
 
 
 class Checkpoint:
@@ -19,8 +29,11 @@ class Checkpoint:
         """`owner`: see `owner_of`; `durable`: see `common.state.StateFile`."""
         self.folder, self._owner, self._durable = folder, owner, durable
         self._files: dict[str, StateFile] = {}
+        self._models: dict[str, Seal] = {}
+        self._growing: dict[str, Growing] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
+            self._growing = {f"../{name}": Growing(folder.parent / name) for name in _BESIDE}
 
     def save(self, round_: int, state: State, part: str = "state") -> None:
         """Keep where `part` stands after `round_`; whole or not at all."""
@@ -28,7 +41,9 @@ class Checkpoint:
             if self._durable:
                 for frames in self.folder.glob("*.bin"):
                     sync(frames)
-            self._file(part).save(State.of({"learned": state, "done": State(values={"round": round_})}))
+            beside = {name: growing.seal() for name, growing in self._growing.items()}
+            done = State(values={"round": round_}, files=beside | self._models)
+            self._file(part).save(State.of({"learned": state, "done": done}))
 
     def load(self, part: str = "state") -> tuple[int, State] | None:
         """The last whole round of `part` and its state.
@@ -37,6 +52,10 @@ class Checkpoint:
             RunError: the folder holds another scenario's, or it is damaged.
         """
         state = self._file(part).load() if self.folder is not None else None
+        if state is None and self._has_told(part):
+            raise RunError(f"{self.folder}: the state is gone, though rows of it are there; begin the run anew")
+        if state is not None:
+            self._models = {name: seal for name, seal in state.files.items() if name.startswith(_MODEL)}
         return None if state is None else (state.part("done").values["round"], state.part("learned"))
 
     def restore(self, learner: Stateful) -> int:
@@ -54,22 +73,32 @@ class Checkpoint:
     def keep_model(self, round_: int, payload: bytes) -> None:
         """Keep a meta-model that goes down when the stage is over."""
         if self.folder is not None:
-            write_whole(self.folder / f"model-{round_:05d}.safetensors", payload)
+            name = f"{_MODEL}{round_:05d}.safetensors"
+            write_whole(self.folder / name, payload)
+            self._models[name] = Seal.of(payload)
 
     def models(self) -> dict[int, bytes]:
         """Round -> meta-model kept, of rounds before the one that `restore` goes on from."""
-        paths = sorted(self.folder.glob("model-*.safetensors")) if self.folder else []
-        return {int(path.stem.removeprefix("model-")): path.read_bytes() for path in paths}
+        paths = [self.folder / name for name in self._models] if self.folder else []
+        return {int(path.stem.removeprefix(_MODEL)): path.read_bytes() for path in paths}
 
     @property
     def is_finished(self) -> bool:
-        """Whether this method's stage was finished, and the robots have its models."""
-        return self.folder is not None and (self.folder / _FINISHED).exists()
+        """Whether this method's stage was finished, and the robots have its models.
+
+        Raises:
+            RunError: another scenario's was, or the mark is not as it was written.
+        """
+        if self.folder is None or not (path := self.folder / _FINISHED).exists():
+            return False
+        if path.read_text(errors="replace") != self._owner:
+            raise RunError(f"{path}: not as it was written, or another scenario's; name another folder with --state")
+        return True
 
     def finish(self) -> None:
         """The stage is over and its models are with the robots: forget all but that."""
         if self.folder is not None:
-            (self.folder / _FINISHED).touch()
+            write_whole(self.folder / _FINISHED, self._owner.encode())
             self._files.clear()
             for path in self.folder.iterdir():
                 if path.name != _FINISHED:
@@ -81,6 +110,18 @@ class Checkpoint:
             (self.folder / _FINISHED).unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # somebody else's files may be in it
                 self.folder.rmdir()
+
+    def _has_told(self, part: str) -> bool:
+        """Whether there is a row of a second round, before which the first one's state is saved."""
+        if self.folder is None:
+            return False
+        path = self.folder.parent / _BESIDE[0]
+        try:
+            rows = [RoundRow.model_validate_json(line) for line in whole_lines(path, mend=False)]
+        except ValidationError as error:
+            raise RunError(f"{path}: not as it was written; begin the run anew") from error
+        mine = [row for row in rows if row.arm == self.folder.name and part in ("state", f"task-{row.task}")]
+        return any(row.round > 1 for row in mine)
 
     def _file(self, part: str) -> StateFile:
         assert self.folder is not None

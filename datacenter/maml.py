@@ -90,11 +90,14 @@ def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
 
 
 def clipped(gradient: Params, norm: float) -> Params:
-    """A gradient no longer than `norm` (2-norm over all parameters); differentiable."""
+    """A gradient no longer than `norm` (2-norm over all parameters); differentiable, the identity at exactly 0."""
     if math.isinf(norm):
         return gradient
-    length = torch.stack([(value**2).sum() for value in gradient.values()]).sum().sqrt()
-    scale = (norm / (length + _TINY)).clamp(max=1.0)
+    squared = torch.stack([(value**2).sum() for value in gradient.values()]).sum()
+    # The root has no slope at 0. Nothing flows back through the branch that is not taken, and the other is the root's.
+    moves = squared > 0
+    length = torch.where(moves, squared, 1.0).sqrt()
+    scale = torch.where(moves, (norm / (length + _TINY)).clamp(max=1.0), 1.0)
     return {name: value * scale for name, value in gradient.items()}
 
 

@@ -19,6 +19,7 @@ from common.scenario import Scenario
 from common.seeding import integer, stream
 from common.state import State
 from common.work import TallyOf, nobody
+from datacenter.device import compute_device
 from datacenter.maml import (
     Loss,
     Params,
@@ -30,7 +31,7 @@ from datacenter.maml import (
     to_tensors,
 )
 from datacenter.metamodel import MetaModel
-from datacenter.motions import Motion, remember
+from datacenter.motions import Motion, Walks
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class MetaLearner:
         """
         self._tally = tally
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
-        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self._device = compute_device()
         self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
         self._head = head_of(self._model)
         tasks = self._settings.training_tasks
@@ -68,17 +69,13 @@ class MetaLearner:
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()} for task in tasks
         }
-        network = scenario.network
-        self._replays = {
-            task: Replay(
-                self._settings.replay_size, network.height, network.width, folder and folder / f"frames-{task}.bin"
-            )
-            for task in tasks
-        }
+        self._replays = {task: self._replay(task, folder) for task in tasks}
+        per_round = scenario.learning.motions_per_round
+        self._walks = {task: Walks(replay, per_round) for task, replay in self._replays.items()}
 
     def remember(self, task: int, motions: list[Motion]) -> None:
         """Put one robot's motions of one round into the task's replay."""
-        remember(self._replays[task], motions)
+        self._walks[task].remember(motions)
 
     def learn(self, round_: int) -> dict[int, Gradients]:
         """One round over all training tasks; returns the gradients computed for each.
@@ -116,9 +113,9 @@ class MetaLearner:
         for name, leaf in self._leaves.items():
             state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
         tensors = State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
-        return State.of(
-            {"learner": tensors, **{f"replay-{task}": held.state() for task, held in self._replays.items()}}
-        )
+        replays = {f"replay-{task}": held.state() for task, held in self._replays.items()}
+        walks = {f"walks-{task}": held.state() for task, held in self._walks.items()}
+        return State.of({"learner": tensors, **replays, **walks})
 
     def load_state(self, state: State) -> None:
         """See `common.state.Stateful`."""
@@ -136,11 +133,18 @@ class MetaLearner:
             }
         for task, held in self._replays.items():
             held.load_state(state.part(f"replay-{task}"))
+            self._walks[task].load_state(state.part(f"walks-{task}"))
 
     def _counts(self, support: int, query: int) -> Gradients:
         """Batches as gradients: Reptile's and joint training's are all of one kind."""
         plain = self._method in ("reptile", "multitask")
         return Gradients(support + query, 0) if plain else Gradients(support, query)
+
+    def _replay(self, task: int, folder: Path | None) -> Replay:
+        network, learning = self._scenario.network, self._scenario.learning
+        spare = 2 * learning.motions_per_round * len(self._scenario.training_agents[task])
+        frames = folder and folder / f"frames-{task}.bin"
+        return Replay(self._settings.replay_size, network.height, network.width, frames, spare)
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""

@@ -17,7 +17,7 @@ class MetaModel:
     """W_tau as leaf tensors with gradients; `tasks` have heads of their own, no task means one head for all."""
 
     def __init__(self, model: nn.Sequential, tasks: tuple[int, ...]) -> None:
-        self._names = tuple(name for name, _ in model.named_parameters())
+        self._names, self.tasks = tuple(name for name, _ in model.named_parameters()), tasks
         own = head_of(model) if tasks else ()
         start = {name: value.detach() for name, value in model.named_parameters()}
         self._shared = {name: _leaf(start[name]) for name in self._names if name not in own}

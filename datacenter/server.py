@@ -9,20 +9,25 @@ from functools import partial
 from pathlib import Path
 
 from common import topics
+from common.agreement import Agreement
 from common.bus import Bus, Message
+from common.host import PROCESSOR, arithmetic
 from common.identity import Identity
 from common.listener import Listener
 from common.methods import EXACT_METHODS, META_METHODS, Method
 from common.patience import Patience
-from common.payloads import ModelHeader, Presence, decode_json, encode_model
+from common.payloads import ModelHeader, Presence, decode_json
+from common.qnetwork import use_of
 from common.reports import HANDED_IN, Reporter
 from common.runlog import RoundRow
+from common.savedmodel import encode_saved_model
 from common.scenario import Scenario
 from common.state import NOTHING, Keep
 from common.streams import WeightsEncoder
 from datacenter.beta import measure_beta
 from datacenter.checkpoint import Checkpoint, owner_of
 from datacenter.collector import Collector
+from datacenter.device import accelerator
 from datacenter.metalearner import Gradients, MetaLearner
 from datacenter.motions import Motion
 from datacenter.serving import SERVICES, serve
@@ -35,7 +40,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     killed.
 
     Raises:
-        ConfigurationError: another process is this run's data center.
+        ConfigurationError: another process is this run's data center, or the run has another scenario.
         RunError: the folder holds another scenario's state, or lacks what the robots are further with.
         TrainingError: a gradient is not finite.
     """
@@ -43,9 +48,11 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     patience = Patience(bus, run, scenario.federation.give_up_after_s)
     listener = Listener(bus, scenario.bus.resend_after_s, patience)
     reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
-    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s)
+    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, arithmetic(accelerator()))
     listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
     identity.claim()
+    agreement = Agreement(listener, scenario, run)
+    agreement.settle()
     identity.announce(0)  # who would be a second one hears it at once
     checkpoints = {
         method: Checkpoint(state / method if state else None, owner_of(scenario, run, method), durable=keep.durable)
@@ -60,7 +67,8 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
             work(scenario, method, run, listener, identity, reporter, checkpoint)
     done = Presence(agent=0, stage=2 * len(scenario.arms) + 1, state="done")
     stay = not keep.at_the_end and state is not None
-    reporter.hand_over(identity.filters, identity.presence, done, stay=stay)
+    agreement.leave()
+    reporter.hand_over([*identity.filters, *agreement.filters], identity.presence, done, stay=stay)
     if not keep.at_the_end:
         _forget(state, checkpoints)
     reporter.leave(identity.presence)
@@ -105,7 +113,8 @@ def meta_train(
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
             weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            reporter.deliver(topics.snapshot(run, method, round_), encode_model(weights, header))
+            saved = encode_saved_model(weights, header, use_of(scenario.network), heads=learner.meta_model.tasks)
+            reporter.deliver(topics.snapshot(run, method, round_), saved)
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.
                 models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
@@ -130,7 +139,8 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
     for checkpoint in checkpoints.values():
         checkpoint.clear()
     if state is not None:
-        for path in (state / "rounds.jsonl", *state.glob("counters*"), *state.glob(f"*{HANDED_IN}")):
+        own = (state / "rounds.jsonl", state / PROCESSOR, *state.glob("counters*"), *state.glob(f"*{HANDED_IN}"))
+        for path in own:
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()

@@ -1,7 +1,8 @@
 #!/bin/sh
-# What Compose's containers survive: a deployment that nobody disturbs, then one in which a robot, the data center and
-# the broker are killed and started again, and a robot's network is taken away for a while. Both must end with the same
-# rounds and the same weights to the bit.
+# What Compose's containers survive: a deployment that nobody disturbs; one in which a robot, the data center and the
+# broker are killed and started again, and a robot's network is taken away for a while; one that is broken off three
+# times, as Ctrl-C does and as a power failure does, the last time while its robots leave, and is started again. All
+# must end with the same rounds and the same weights to the bit.
 #
 #   deploy/faults.sh                                         the toy scenario, in a few minutes
 #   COMPOSE_FILE=docker-compose.yml deploy/faults.sh         the paper's 12 robots, as JOULESWARM_SCENARIO says
@@ -37,11 +38,20 @@ wait_for() { # phase, rows
     sleep 0.5
   done
 }
+nearly() { # how many rows are left when it is time
+  all=$(cat "$OUT"/undisturbed/*/*/rounds.jsonl | grep -c '"phase":"fl"')
+  while [ "$(rows fl)" -lt "$((all - $1))" ] && [ -n "$(docker compose ps -q --status running recorder)" ]; do sleep 0.2; done
+}
 again() { # service
   say "killing $1, starting it again"
   docker compose kill -s SIGKILL "$1" >/dev/null 2>&1
   sleep "$PAUSE_S"
   docker compose start "$1" >/dev/null 2>&1
+}
+break_off() { # how: stop or kill
+  say "breaking everything off: $1, then up again"
+  if [ "$1" = stop ]; then docker compose stop >/dev/null 2>&1; else docker compose kill >/dev/null 2>&1; fi
+  docker compose up -d >/dev/null 2>&1 || fail "up again"
 }
 finish() { # name
   code=$(docker wait "$(docker compose ps -aq recorder)")
@@ -77,17 +87,30 @@ wait_for fl 200
 again broker
 finish disturbed
 
+say "broken off"
+docker compose up -d >/dev/null 2>&1
+wait_for maml 30
+break_off stop
+wait_for fl 100
+break_off kill
+nearly 4
+break_off stop
+finish broken-off
+
 python3 - "$OUT" <<'PYTHON'
 import json, pathlib, sys
 
 def end(name):
-    (run,) = (path.parent for path in (pathlib.Path(sys.argv[1]) / name).rglob("summary.json"))
+    # A folder for each start: the newest has all.
+    run = max(path.parent for path in (pathlib.Path(sys.argv[1]) / name).rglob("summary.json"))
     rows = [json.loads(line) for line in (run / "rounds.jsonl").read_text().splitlines()]
-    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused", "beta")} for row in rows]
     return rows, {path.name: path.read_bytes() for path in sorted((run / "weights").iterdir())}
 
-one, other = end("undisturbed"), end("disturbed")
-same = one == other
-print(f"faults: {len(one[0])} rows, {len(one[1])} models: {'identical' if same else 'DIFFERENT'}")
+one, same = end("undisturbed"), True
+for name in ("disturbed", "broken-off"):
+    found = end(name) == one
+    print(f"faults: {name}: {len(one[0])} rows, {len(one[1])} models: {'identical' if found else 'DIFFERENT'}")
+    same = same and found
 sys.exit(not same)
 PYTHON

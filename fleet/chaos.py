@@ -18,7 +18,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from common.runlog import RoundRow
+from common.errors import RunError, usable
+from common.runlog import MANIFEST, RoundRow, computed_on
 from common.scenario import Scenario
 from fleet.conservation import conservation
 from fleet.faults import KINDS, FaultKind, Site, inject, onlooker, refused
@@ -39,6 +40,8 @@ _SHARE_OF_ROWS = 0.5
 _RESTARTS = 1000
 _IDLE_RUNS = 3
 CSV = "chaos.csv"
+_OF_TIME = ("seconds", "refused", "beta")
+"""Of a row. `beta` is there only where it was measured, by time."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ def run_chaos(
 ) -> list[Fault]:
     """Inject `faults` faults into as many runs as it takes; what was done, and whether it changed anything."""
     rng = random.Random(seed)
-    run_deployment(scenario, options, "undisturbed", out, console, Options(restarts=0))
+    run_deployment(scenario, "undisturbed", out, console, Options(restarts=0))
     expected = outcome(out / "undisturbed")
     rows_in = Counter(_PHASE_OF[row["phase"]] for row in expected[0])
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
@@ -188,13 +191,16 @@ def run_chaos(
     idle = 0
     for number in itertools.count(1):
         chaos = Chaos(scenario, options, f"disturbed-{number}", left, pause_s, rng, rows_in)
-        run_deployment(scenario, options, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
+        run_deployment(scenario, chaos.run, out, console, Options(restarts=_RESTARTS, intruder=chaos))
         identical = outcome(out / chaos.run) == expected
         found = conservation(load_run(out / chaos.run).meter_rows)
+        if processors(out / chaos.run) != processors(out / "undisturbed"):
+            console.print(f"{chaos.run} was not computed on what the undisturbed run was; see their manifests")
         for fault in chaos.done:
             fault.identical, fault.conserved = identical, found is not None and not found.broken
         done += chaos.done
-        (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
+        with usable("--out", out, RunError):
+            (out / CSV).write_text(chaos_csv(done), encoding="utf-8")
         idle = 0 if chaos.done else idle + 1
         if not left or idle == _IDLE_RUNS:  # they are too short for what is left
             break
@@ -202,10 +208,16 @@ def run_chaos(
 
 
 def outcome(path: Path) -> tuple[list[dict[str, Any]], dict[str, bytes]]:
-    """What must not depend on faults: all rows but what tells of time and refusals, and all weights."""
+    """What must not depend on faults: all rows but what tells of time (a timed beta too) and refusals; all weights."""
     rows = [json.loads(line) for line in (path / "rounds.jsonl").read_text(encoding="utf-8").splitlines()]
-    figures = [{key: value for key, value in row.items() if key not in ("seconds", "refused")} for row in rows]
+    figures = [{key: value for key, value in row.items() if key not in _OF_TIME} for row in rows]
     return figures, {file.name: file.read_bytes() for file in sorted((path / "weights").iterdir())}
+
+
+def processors(path: Path) -> set[str]:
+    """All that a run was computed on."""
+    noted = computed_on(json.loads((path / MANIFEST).read_text(encoding="utf-8")))
+    return {processor for each in noted.values() for processor in each}
 
 
 def chaos_table(faults: Sequence[Fault]) -> Table:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
-import signal
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from common.errors import JouleSwarmError
-from common.options import BrokerOption, KeysOption, SetOption
+from common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from fleet.entry import command_line
 from fleet.keys_cli import keys as keys_app
 
 app = typer.Typer(
@@ -30,6 +27,15 @@ ScenarioFile = Annotated[
 Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
 RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
+
+
+def _present(path: Path, figures: bool) -> None:
+    from fleet.report import report as print_bill
+    from fleet.stopping import telling_what_is_kept
+
+    with telling_what_is_kept(path):
+        print_bill(path, html=figures, figures=figures)
+        print(f"run directory: {path}")
 
 
 def _overrides(set_: list[str] | None, seed: int | None) -> list[str]:
@@ -62,32 +68,27 @@ def run(
         bool,
         typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
     ] = False,
+    other_processor: OtherProcessorOption = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
     Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with.
     """
     from common.scenario import load_scenario
-    from fleet.report import report as print_bill
     from fleet.run import Options, new_run_id, resume_deployment, run_deployment
 
-    started = Options(broker, keys, restarts, durable)
+    started = Options(broker, keys, restarts, durable, other_processor)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:
         assert resume is not None
         if set_ or seed is not None or run_id is not None:
             raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
-        path = resume_deployment(resume, Console(), started)
-        print_bill(path, html=figures, figures=figures)
-        print(f"run directory: {path}")
+        _present(resume_deployment(resume, Console(), started), figures)
         return
     overrides = _overrides(set_, seed)
     settings = load_scenario(scenario, overrides)
-    options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
-    path = run_deployment(settings, options, run_id or new_run_id(settings), out, Console(), started)
-    print_bill(path, html=figures, figures=figures)
-    print(f"run directory: {path}")
+    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
 
 
 @app.command()
@@ -110,13 +111,11 @@ def record(
     --run-id (default: the scenario's name), as with the processes' --run.
     """
     from common.scenario import load_scenario
-    from fleet.report import report as print_bill
     from fleet.run import record_deployment
 
     settings = load_scenario(scenario, _overrides(set_, seed))
     path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys)
-    print_bill(path, html=figures, figures=figures)
-    print(f"run directory: {path}")
+    _present(path, figures)
 
 
 @app.command()
@@ -210,17 +209,9 @@ def audit() -> None:
 
 
 def main() -> None:
-    """Entry point: errors of ours are one line and their exit code."""
-    # A container or a service manager stops a run as Ctrl-C does.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    """Entry point."""
+    with command_line():
         app(prog_name="jouleswarm")
-    except JouleSwarmError as error:
-        print(f"jouleswarm {shlex.join(sys.argv[1:2])}: {error}", file=sys.stderr)
-        raise SystemExit(error.exit_code) from error
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ def scenario_sizes(scenario: Scenario) -> RoundSizes:
     raw, sent = ((camera.width, camera.height), (network.width, network.height)), scenario.meta.experience_codec
     # How far png compresses depends on the pictures: the closed form then has the raw frame.
     frame_bytes = experience_bytes(sent, *raw) or experience_bytes("raw", *raw) or 0
-    tensors = _tensors(network)
+    tensors = tensor_entries(network)
     heads = tensors[-2:] * (len(scenario.meta.training_tasks) if scenario.meta.heads == "per_task" else 0)
     return RoundSizes(
         support_batches=scenario.meta.support_batches,
@@ -82,7 +82,7 @@ def _by_kind(counts: StageCounts, method: str) -> StageCounts:
     return StageCounts(replace(counts.ml, gradients_support=every, gradients_query=0), counts.fl)
 
 
-def _tensors(network: Network) -> list[int]:
+def tensor_entries(network: Network) -> list[int]:
     """Entries of each of the Q-network's tensors, counted without building it: a report needs no torch."""
     entries, channels, height, width = [], _CHANNELS, network.height, network.width
     for out, kernel, stride in network.conv:

@@ -7,7 +7,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from common.mqtt import MqttBus
 from common.scenario import Scenario
 from common.topics import ROOT, Link, link_of
 from fleet.launcher import Launcher
+from fleet.packages import command_of
 from fleet.proxy import Proxy, Slowness
 from fleet.traffic import DATA_CENTER
 
@@ -143,7 +143,7 @@ def _duplicate(site: Site) -> str:
 
 def _twin(site: Site, name: str) -> str:
     agent = name.removeprefix("agent-")
-    command = [sys.executable, "-m", "agents", "--id", agent, "--broker", site.url, "--run", site.run, *site.options]
+    command = [*command_of("agents"), "--id", agent, "--broker", site.url, "--run", site.run, *site.options]
     site.twins.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
     return name
 

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from multiprocessing import forkserver, resource_tracker
-from multiprocessing.context import ForkServerProcess
+from multiprocessing.connection import wait
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from common.errors import RunError
+from fleet.endings import ending, signal_of
+from fleet.fork_server import Order
+from fleet.forked import Forked, ForkServer
+from fleet.packages import command_of
 
-# Loaded once in the fork server; every process then shares the memory of these.
-_PRELOAD = ["fleet.child", "agents.__main__", "agents.agent", "datacenter.__main__", "datacenter.server", "common.mqtt"]
 _GRACE_S = 2.0
+_BROKER_START_S = 60.0
+_FORK_SERVER = "fork-server"
 _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -44,15 +45,14 @@ class Launcher:
         logs.mkdir(parents=True, exist_ok=True)
         self._broker: subprocess.Popen[str] | None = None
         self._broker_command: list[str] = []
-        self._children: dict[str, ForkServerProcess] = {}
+        self._server: ForkServer | None = None
+        self._children: dict[str, Forked] = {}
         self._commands: dict[str, tuple[str, list[str]]] = {}
         self._restarted: Counter[str] = Counter()
         self._held: dict[str, float] = {}
         # Before numpy and torch are loaded: a pool of threads made before a fork is of no use after it.
         for variable in _ARITHMETIC_THREADS:
             os.environ.setdefault(variable, "1")
-        self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(_PRELOAD)
 
     def __enter__(self) -> Self:
         return self
@@ -61,14 +61,12 @@ class Launcher:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for child in self._children.values():
-            if child.is_alive():
-                child.terminate()
+            child.signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + _GRACE_S
         for child in self._children.values():
-            child.join(_GRACE_S)
-            if child.is_alive():
-                child.kill()
-                child.join()
-        _end_fork_server()
+            child.join(deadline_s - time.monotonic())
+        if self._server is not None:
+            self._server.close()  # and whoever is left with it, also one that a `start` cut short had asked for
         if self._broker is not None:
             self._broker.terminate()
             try:
@@ -83,7 +81,7 @@ class Launcher:
         Raises:
             RunError: it ended before it listened.
         """
-        command = [sys.executable, "-m", "broker", "--exit-with-stdin", *arguments]
+        command = [*command_of("broker"), "--exit-with-stdin", *arguments]
         ready = self._run_broker([*command, "--port", "0", "--metrics-port", "0"])
         ports = {"--port": ready["url"], "--metrics-port": (ready["metrics"] or ":0").removesuffix("/metrics")}
         # The next one, if there must be one, is where this one was.
@@ -91,28 +89,29 @@ class Launcher:
         return ready
 
     def _run_broker(self, command: list[str]) -> dict[str, str]:
-        with (self._logs / "broker.log").open("ab") as log:
+        with self._log("broker").open("ab") as log:
             self._broker = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True
             )
         assert self._broker.stdout is not None
+        if not wait([self._broker.stdout.fileno()], _BROKER_START_S):
+            raise RunError(f"the broker did not listen within {_BROKER_START_S:g} s; see {self._log('broker')}")
         line = self._broker.stdout.readline()
         if not line:
-            self._broker.wait()
-            raise RunError(f"the broker ended with code {self._broker.returncode}: {self._tail('broker')}")
+            raise RunError(ending("the broker", self._broker.wait(), self._log("broker")))
         ready: dict[str, str] = json.loads(line)
         return ready
 
     def start(self, name: str, module: str, arguments: list[str]) -> None:
-        """Start `python -m MODULE ARGUMENTS` as a process called `name`."""
-        from fleet.child import run_module
+        """Start `python -m MODULE ARGUMENTS` as a process called `name`.
 
-        _ensure_fork_server()
-        child = self._context.Process(
-            target=run_module, args=(module, arguments, self._log(name)), name=name, daemon=True
-        )
-        child.start()
-        self._children[name], self._commands[name] = child, (module, arguments)
+        Raises:
+            RunError: the fork server ended, or does not answer.
+        """
+        if self._server is None:
+            self._server = ForkServer(self._log(_FORK_SERVER))
+        self._children[name] = self._server.start(Order(module, arguments, str(self._log(name))))
+        self._commands[name] = module, arguments
 
     def check(self) -> None:
         """Notice a process that died: start it again if a signal ended it, also one that it ended itself by.
@@ -120,22 +119,32 @@ class Launcher:
         Raises:
             RunError: one ended with an error, or too often; the message holds the end of what it printed.
         """
-        ended = {name: child.exitcode for name, child in self._children.items() if child.exitcode}
+        self._check_fork_server()
+        ended = {name: code for name, child in self._children.items() if (code := child.exitcode)}
         if self._broker is not None and self._broker.poll() is not None:
             ended["broker"] = self._broker.returncode
         for name, code in ended.items():
-            number = signal_of(name, code)
-            if number is None:
-                raise RunError(f"{name} ended with code {code}: {self._tail(name)}")
+            number = signal_of(code, is_broker=name == "broker")
+            if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):
+                raise RunError(ending(name, code, self._log(name), self._restarted[name]))
             if self._restarted[name] >= self._restarts:
-                if not self._may_miss(name):
-                    raise RunError(
-                        f"{name} ended with code {code}, by {number.name} from outside, and was started again "
-                        f"{self._restarted[name]} times: {self._tail(name)}"
-                    )
                 self._miss(name, number)
             elif time.monotonic() >= self._held.get(name, 0.0):
                 self._restart(name, number)
+
+    def _check_fork_server(self) -> None:
+        """If it is gone, so are all its processes: they are started again as if each had been killed."""
+        if self._server is None:
+            return
+        self._server.listen(0)
+        if self._server.is_gone:
+            told = self._server.told_end()
+            self._restarted[_FORK_SERVER] += 1
+            if self._restarted[_FORK_SERVER] > self._restarts:
+                raise RunError(told)
+            self._told(f"{told}; starting it and its processes again")
+            self._server.close()
+            self._server = None
 
     def _miss(self, name: str, number: signal.Signals) -> None:
         if name not in self._missed:
@@ -157,39 +166,8 @@ class Launcher:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name."""
-        pids = {name: child.pid for name, child in self._children.items() if child.pid is not None}
+        pids = {name: child.pid for name, child in self._children.items()}
         return pids | ({"broker": self._broker.pid} if self._broker is not None else {})
 
     def _log(self, name: str) -> Path:
         return self._logs / f"{name}.log"
-
-    def _tail(self, name: str) -> str:
-        lines = self._log(name).read_text(errors="replace").strip().splitlines() if self._log(name).exists() else []
-        return lines[-1] + f" (all of it: {self._log(name)})" if lines else "it printed nothing"
-
-
-def signal_of(name: str, code: int) -> signal.Signals | None:
-    """The signal that ended a process: at once, or told by its exit code (see common/process.py)."""
-    if name == "broker" and code == 0:  # it ends in good order, and only when it is told to
-        return signal.SIGTERM
-    number = -code if code < 0 else code - 128
-    return signal.Signals(number) if number in signal.valid_signals() and number > 0 else None
-
-
-def _ensure_fork_server() -> None:
-    # A Ctrl-C at the terminal is for all in the foreground; the fork server must not hear it while it loads torch.
-    resource_tracker.ensure_running()  # first: it lets SIGINT through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end_fork_server() -> None:
-    # It would first finish loading torch, then fork the process that a `start` cut short by Ctrl-C had asked for.
-    # Such a process, unknown here, ends with it.
-    server: Any = forkserver._forkserver
-    if server._forkserver_pid is not None:
-        os.kill(server._forkserver_pid, signal.SIGKILL)
-        server._stop()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
+
+from pydantic import ValidationError
 
 from common.errors import ConfigurationError
 from common.settings import Energy
@@ -29,22 +29,22 @@ class Prices:
 
 
 class _Kind(NamedTuple):
-    """How a price is checked and turned into a field of `Energy`."""
+    """How a price is told and turned into a field of `Energy`, which bounds it."""
 
     expected: str
-    fits: Callable[[float], bool]
     factor: float = 1.0
 
 
-_EFFICIENCY = _Kind("a number above 0, in kb/J", lambda value: value > 0, factor=1e3)
-_FACTOR = _Kind("a number of 1 or more", lambda value: value >= 1)
-_INTENSITY = _Kind("a number of 0 or more, in gCO2e a kWh", lambda value: value >= 0)
+_EFFICIENCY = _Kind("a number from 1e-09 to 1e+12, in kb/J", factor=1e3)
+_PUE = _Kind("a number of 1 or more, up to 1000")
+_BETA = _Kind("a number of 1 or more, up to 1e+06")
+_INTENSITY = _Kind("a number of 0 or more, up to 1e+06, in gCO2e a kWh")
 _FIELDS = {
     "ul": ("ul_bit_per_j", _EFFICIENCY),
     "sl": ("sl_bit_per_j", _EFFICIENCY),
     "dl": ("dl_bit_per_j", _EFFICIENCY),
-    "pue": ("pue", _FACTOR),
-    "beta": ("beta", _FACTOR),
+    "pue": ("pue", _PUE),
+    "beta": ("beta", _BETA),
     "carbon_datacenter": ("datacenter_g_per_kwh", _INTENSITY),
     "carbon_robots": ("robots_g_per_kwh", _INTENSITY),
 }
@@ -61,8 +61,8 @@ def parse_beta(text: str) -> Beta:
     try:
         value = float(text)
     except ValueError:
-        raise ConfigurationError(f"--beta {text}: expected {_FACTOR.expected}, or measured") from None
-    _check("beta", value, _FACTOR)
+        raise ConfigurationError(f"--beta {text}: expected {_BETA.expected}, or measured") from None
+    _field("beta", value)
     return value
 
 
@@ -70,22 +70,17 @@ def reprice(energy: Energy, prices: Prices) -> tuple[Energy, str]:
     """A run's constants at other prices, and what these put into file names: "" for the same prices.
 
     Raises:
-        ConfigurationError: a value that is no efficiency (above 0), no factor (1 or more) or no intensity (0 or more).
+        ConfigurationError: a value beyond what a scenario may have there.
     """
     changes: dict[str, Any] = {}
     words = []
-    for name, (field, kind) in _FIELDS.items():
+    for name in _FIELDS:
         value: float | Literal["measured"] | None = getattr(prices, name)
         if value is None:
             continue
-        if value == "measured":
-            changes[field] = value
-            words.append(f"{name}-measured")
-            continue
+        changes |= _field(name, value)
         option = name.replace("_", "-")
-        _check(option, value, kind)
-        changes[field] = value * kind.factor
-        words.append(f"{option}{value:g}")
+        words.append(f"{option}-measured" if value == "measured" else f"{option}{value:g}")
     if prices.via_base_station:
         changes["sidelink"] = "via_base_station"
         words.append("via-base-station")
@@ -93,6 +88,13 @@ def reprice(energy: Energy, prices: Prices) -> tuple[Energy, str]:
     return priced, "" if priced == energy else "-" + "-".join(words)
 
 
-def _check(option: str, value: float, kind: _Kind) -> None:
-    if not math.isfinite(value) or not kind.fits(value):
-        raise ConfigurationError(f"--{option} {value:g}: expected {kind.expected}")
+def _field(name: str, value: float | Literal["measured"]) -> dict[str, Any]:
+    """The field of `Energy` that a price sets, checked as in a scenario."""
+    field, kind = _FIELDS[name]
+    change: dict[str, Any] = {field: value if value == "measured" else value * kind.factor}
+    try:
+        Energy.model_validate(change)
+    except ValidationError:
+        option = name.replace("_", "-")
+        raise ConfigurationError(f"--{option} {value:g}: expected {kind.expected}") from None
+    return change

@@ -6,11 +6,15 @@ import asyncio
 import contextlib
 import random
 import threading
+from concurrent.futures import Future
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
+from common.errors import RunError
+
+_START_S = 10.0
 _CHUNK_BYTES = 65_536
 _PAST_MARK_BYTES = 200  # into the payload of whatever message carries the mark in its topic
 
@@ -34,7 +38,7 @@ class Proxy:
         self._random = random.Random(seed)
         self._mark: bytes | None = None
         self._slowness: Slowness | None = None
-        self._ready = threading.Event()
+        self._listening: Future[str] = Future()
         self._loop = asyncio.new_event_loop()
         self._ended: asyncio.Event | None = None
         self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._serve(),), daemon=True)
@@ -42,7 +46,12 @@ class Proxy:
 
     def __enter__(self) -> Self:
         self._thread.start()
-        self._ready.wait()
+        try:
+            self.url = self._listening.result(_START_S)
+        except (OSError, TimeoutError) as error:
+            raise RunError(
+                f"the proxy before the broker cannot listen: {error or f'not within {_START_S:g} s'}"
+            ) from error
         return self
 
     def __exit__(
@@ -68,9 +77,12 @@ class Proxy:
 
     async def _serve(self) -> None:
         self._ended = asyncio.Event()
-        server = await asyncio.start_server(self._pass_on, "127.0.0.1", 0)
-        self.url = f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-        self._ready.set()
+        try:
+            server = await asyncio.start_server(self._pass_on, "127.0.0.1", 0)
+        except OSError as error:
+            self._listening.set_exception(error)
+            return
+        self._listening.set_result(f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}")
         await self._ended.wait()
         server.close()
         others = asyncio.all_tasks() - {asyncio.current_task()}

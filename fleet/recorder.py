@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Literal
 
 from common import topics
+from common.agreement import proclamation
 from common.bus import Bus, Message
 from common.errors import PayloadError, RunError
 from common.meter import MeterRow, read_rows, read_work
 from common.patience import Patience
-from common.payloads import Acknowledgement, Presence, Wait, check_model, decode_json, encode_json
+from common.payloads import Acknowledgement, Presence, Wait, decode_json, encode_json
 from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
 from common.runlog import RoundRow, RunDirectory
+from common.savedmodel import check_model
 from common.scenario import Scenario
 from common.work import WorkRow
 from fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
@@ -49,6 +51,7 @@ class Recorder:
         self._received: dict[str, dict[topics.Link, int]] = {}
         self.refused = 0
         self._gone: dict[str, float] = {}
+        self._processors: dict[str, str] = {}
         self._again: set[str] = set()
         self._present: dict[str, Presence] = {}
         self._waits: dict[str, tuple[float, Wait]] = {}
@@ -68,6 +71,7 @@ class Recorder:
         self._broker = BrokerCounters(bus, run, scenario.bus, self._hear)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
+        bus.publish(topics.scenario(run, CLIENT), proclamation(scenario), retain=True)
         bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
 
     @property
@@ -168,20 +172,26 @@ class Recorder:
         """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
 
         Raises:
-            RunError: the broker has not answered; all the same everything is written, as of a run that failed.
+            RunError: the broker has not answered, or rows were lost; all the same everything is written, as of a run
+                that failed.
         """
+        settings, failed = self._scenario, None
         if status != "complete":
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
+        for whose in (CLIENT, topics.SHARED):
+            self._bus.publish(topics.scenario(self._run, whose), b"", retain=True)
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
-        settings, silent = self._scenario, None
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
         clients, work = self._clients_rows(), self._work_done()
         try:
             rows, source = self._broker.end(patience_s, clients)
         except RunError as error:
             rows, source = [], CLIENTS.format(why=error)
-            status, silent = "failed" if status == "complete" else status, error
+            status, failed = "failed" if status == "complete" else status, error
+        if (lost := self._directory.lost_rows()) and status == "complete":
+            status, failed = "failed", RunError(f"{lost}; the run is not complete")
+        if failed is not None:
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
         meter = [*rows, *clients, *self._bus.meter.rows()]
         self._directory.meter(meter)
@@ -193,8 +203,8 @@ class Recorder:
         if status == "complete":
             self._see_off()
         self._bus.close()
-        if silent is not None:
-            raise silent
+        if failed is not None:
+            raise failed
 
     def _clients_rows(self) -> list[MeterRow]:
         """What all processes but the recorder have counted themselves."""
@@ -282,6 +292,8 @@ class Recorder:
         check_presence(presence, message.topic, self._scenario, self._run)
         self._present[message.topic] = presence
         client = client_of(presence.agent)
+        if presence.processor is not None:
+            self._note_processor(client, presence.processor)
         if presence.state == "gone":
             self._gone.setdefault(client, self.elapsed_s)
             self._again.discard(client)
@@ -302,6 +314,15 @@ class Recorder:
         """It has got on."""
         self._patience.heard(client)
         self._waits.pop(client, None)
+
+    def _note_processor(self, client: str, processor: str) -> None:
+        if self._processors.get(client) == processor:
+            return
+        if self._processors and processor not in self._processors.values():
+            told = "%s computes on %s, others on %s: weights may be others than on one alone"
+            log.warning(told, client, processor, next(iter(self._processors.values())))
+        self._processors[client] = processor
+        self._directory.computed_on(client, processor)
 
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         row = telemetry.row

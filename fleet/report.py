@@ -12,7 +12,8 @@ from rich.box import SIMPLE_HEAVY
 from rich.console import Console
 from rich.table import Table
 
-from common.errors import RunError
+from common.disk import full_disk_is_told
+from common.errors import RunError, usable
 from common.settings import Energy
 from fleet.figures import write_figures
 from fleet.prices import Prices, reprice
@@ -57,9 +58,10 @@ def report(
     run = load_run(run_dir)
     energy, suffix = reprice(run.scenario.energy, prices or Prices())
     print_report(run, energy, console)
-    written = write_figures(run, energy, suffix) if figures else []
-    if html:
-        written.append(write_html(run, energy, suffix))
+    with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
+        written = write_figures(run, energy, suffix) if figures else []
+        if html:
+            written.append(write_html(run, energy, suffix))
     if run.misfits:
         raise RunError(f"{run.path}: {warnings(run)[0]}")
     return written

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common import topics
+from common.documents import parse_json
 from common.errors import ConfigurationError, RunError
 from common.meter import MeterRow, read_rows, read_work
 from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK, RoundRow
@@ -24,6 +25,8 @@ from fleet.pricing import TaskResult, meta_rounds, task_results
 from fleet.summary import SCHEMA
 
 T = TypeVar("T", bound=BaseModel)
+
+_STATUSES = ("complete", "interrupted", "failed")
 
 
 class Progress(BaseModel):
@@ -97,20 +100,30 @@ def load_run(path: str | Path) -> Run:
 
     Raises:
         ConfigurationError: `path` is not a directory.
-        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage).
+        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage), or written
+            by another version in a way that this one cannot read.
     """
     path = Path(path)
     if not path.is_dir():
         raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
-    manifest = _manifest(path)
-    summary = _json(path / SUMMARY) if (path / SUMMARY).exists() else None
+    manifest = read_manifest(path)
+    try:
+        return _load(path, manifest)
+    except RunError as error:
+        if (other := other_version(manifest)) is None:
+            raise
+        raise RunError(f"{path}: {other}, which cannot read it; report it with the version that wrote it") from error
+
+
+def _load(path: Path, manifest: dict[str, Any]) -> Run:
+    summary = _summary(path / SUMMARY)
     cut: list[str] = []
     done = summary is not None
     return Run(
         path=path,
         manifest=manifest,
         scenario=_scenario(manifest, path / MANIFEST),
-        rows=_lines(path / ROUNDS, RoundRow, needed=done, cut=cut),
+        rows=_once(_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
         meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
         work_rows=_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
         progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
@@ -129,22 +142,56 @@ def _kept_rows(path: Path, run: str) -> list[MeterRow]:
     return [row for row in rows if row.topic.startswith(prefix)]
 
 
+def _once(rows: list[RoundRow], file: Path) -> list[RoundRow]:
+    """Rows none of which stands twice: a bill would count it twice."""
+    first: dict[object, int] = {}
+    for number, row in enumerate(rows, start=1):
+        before = first.setdefault(row.sort_key(), number)
+        if before != number:
+            who = f"robot {row.agent}" if row.agent else "the data center"
+            raise RunError(
+                f"{file}, line {number}: round {row.round} of {who} in {row.arm} stands in line {before} already; "
+                "two processes wrote it, or somebody altered it"
+            )
+    return rows
+
+
 def _kept_work(path: Path) -> list[WorkRow]:
     """What the processes of a run that was killed had done by then."""
     return [row for folder in sorted((path / STATE).glob("*")) for row in read_work(folder.name, folder)]
 
 
-def _manifest(path: Path) -> dict[str, Any]:
+def read_manifest(path: Path) -> dict[str, Any]:
+    """The manifest of a run directory, of this version's schema.
+
+    Raises:
+        RunError: there is none, or it is damaged, or of another schema.
+    """
     file = path / MANIFEST
     if not file.exists():
         raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
     manifest = _json(file)
     if manifest.get("schema") != SCHEMA:
-        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}")
-    for key in ("run", "scenario"):
-        if key not in manifest:
+        other = other_version(manifest)
+        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))
+    for key, kind in (("run", str), ("scenario", dict)):
+        if not isinstance(manifest.get(key), kind):
             raise RunError(f"{file}: damaged, it has no {key!r}")
     return manifest
+
+
+def other_version(manifest: dict[str, Any]) -> str | None:
+    """Which version wrote a run directory and which one this is, if they differ."""
+    versions, ours = manifest.get("versions"), importlib.metadata.version("jouleswarm")
+    theirs = versions.get("jouleswarm") if isinstance(versions, dict) else None
+    return None if theirs in (None, ours) else f"written by version {theirs} of JouleSwarm, this is {ours}"
+
+
+def _summary(file: Path) -> dict[str, Any] | None:
+    summary = _json(file) if file.exists() else None
+    if summary is not None and summary.get("status") not in _STATUSES:
+        raise RunError(f"{file}: damaged, its status is {summary.get('status')!r}, expected {', '.join(_STATUSES)}")
+    return summary
 
 
 def _other_schema(schema: object) -> str:
@@ -165,7 +212,7 @@ def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
 
 def _json(file: Path) -> dict[str, Any]:
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = parse_json(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise RunError(f"{file}: cannot be read: {error}") from error
     if not isinstance(found, dict):

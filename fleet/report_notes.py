@@ -5,6 +5,7 @@ from __future__ import annotations
 from common.carbon import has_carbon
 from common.energy import downlink_bit_per_j
 from common.methods import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from common.runlog import computed_on
 from common.scenario import Scenario
 from common.settings import Energy
 from fleet.arms import METHOD_LABELS, label, labels
@@ -62,6 +63,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
     lines = [
         *_notes_of_the_run(run),
         *_notes_of_the_arms(run),
+        *_notes_of_the_processors(run),
         "Column paper is as printed, all others are for this run's rounds. The last four are equations (8)-(12), with "
         "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
         "MQTT's own bytes.",
@@ -140,6 +142,18 @@ def _notes_of_the_run(run: Run) -> list[str]:
         not_equal = "Energies are not at equal reward, and there is no verdict on these arms."
         lines.append(f"Not learned: {'; '.join(unlearned)}. {not_equal}")
     return lines
+
+
+def _notes_of_the_processors(run: Run) -> list[str]:
+    """On what it was computed: two runs can be compared bit by bit only where that is the same."""
+    by_processor: dict[str, list[str]] = {}
+    for client, processors in computed_on(run.manifest).items():
+        for processor in dict.fromkeys(processors):
+            by_processor.setdefault(processor, []).append(client)
+    if len(by_processor) < 2:
+        return [f"Computed on {processor}; elsewhere weights may differ in their bits." for processor in by_processor]
+    told = "; ".join(f"{', '.join(clients)}: {processor}" for processor, clients in by_processor.items())
+    return [f"Computed on different processors ({told}): on one of them alone weights may be others."]
 
 
 def _notes_of_faults(run: Run) -> list[str]:

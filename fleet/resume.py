@@ -6,34 +6,42 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from common.counters import KEYS
 from common.errors import ConfigurationError
 from common.lines import whole_lines
+from common.lock import LOCK
 from common.runlog import MANIFEST, ROUNDS, STATE
+from common.state import STATE_FILE
 from fleet.admission import client_of
 
 
-def check_states(path: Path) -> None:
+def check_is_there(path: Path) -> None:
     """Whoever has told a round has a folder of its state: without it the others would wait for its old rounds.
 
     Raises:
-        ConfigurationError: one is missing, or there is nothing in it.
+        ConfigurationError: one is missing, or what must be in it.
     """
-    told = sorted(set(_told(path / ROUNDS)))
-    names = [client_of(agent) for agent in told]
+    told = list(_told(path / ROUNDS))
+    # A robot that has learned has written its state before.
+    needed: dict[str, str | None] = {client_of(agent): None for agent, _ in told}
+    needed |= {client_of(agent): f"{STATE_FILE}.0" for agent, phase in told if agent and phase == "fl"}
     if told and json.loads((path / MANIFEST).read_text(encoding="utf-8")).get("broker", {}).get("embedded"):
-        names.append("broker")
-    for name in names:
-        if not any((path / STATE / name).glob("*")):
+        needed["broker"] = KEYS
+    for name, file in sorted(needed.items()):
+        folder = path / STATE / name
+        if not (folder / file).exists() if file else not any(each.name != LOCK for each in folder.glob("*")):
+            what = f"{STATE}/{name}/{file}" if file and folder.exists() else f"{STATE}/{name}"
             raise ConfigurationError(
-                f"run {path}: {STATE}/{name} is missing or empty, and rounds have been told of already; it cannot be "
-                "gone on with: put that folder back, or run the scenario again"
+                f"run {path}: {what} is missing or empty, and rounds have been told of already; it cannot be gone on "
+                "with: put it back, or run the scenario again"
             )
 
 
-def _told(rows: Path) -> Iterator[int]:
-    """Whose rows there are; what cannot be read is for who reads them all."""
+def _told(rows: Path) -> Iterator[tuple[int, str]]:
+    """Whose rows of which phase there are; what cannot be read is for who reads them all."""
     for line in whole_lines(rows, mend=False):
         try:
-            yield int(json.loads(line)["agent"])
+            row = json.loads(line)
+            yield int(row["agent"]), str(row["phase"])
         except (ValueError, KeyError, TypeError):
             continue

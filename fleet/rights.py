@@ -13,6 +13,13 @@ Right = tuple[str, str]  # read or write, and a topic filter
 DATACENTER, RECORDER, HEALTH = "datacenter", "recorder", "health"
 _RUN = _ARM = _ANY = "+"
 
+_SCENARIO = [
+    ("write", topics.scenario(_RUN, topics.SHARED)),
+    ("read", topics.scenario(_RUN, topics.SHARED)),
+    ("read", topics.scenario(_RUN, topics.RECORDER)),
+]
+"""Without a recorder any process may be the first to say what the run's scenario is; with one it alone says so."""
+
 
 def clients_of(scenario: Scenario) -> list[str]:
     """Names of all clients: the robots, the data center, the recorder, and one that may do nothing but connect."""
@@ -39,6 +46,7 @@ def robot_rights(scenario: Scenario, agent: int) -> list[Right]:
         ("write", topics.model_again(_RUN, _ARM, task)),
         ("write", topics.meta_resend(_RUN, _ARM)),
         *_reports(f"agent-{agent}"),
+        *_SCENARIO,
         ("read", topics.presence(_RUN, task, _ANY)),
         ("read", topics.presence(_RUN, 0, 0)),
         ("read", topics.weights(_RUN, _ARM, task, _ANY)),
@@ -69,6 +77,7 @@ def datacenter_rights() -> list[Right]:
         ("write", topics.collect_again(_RUN, _ARM, _ANY, _ANY)),
         ("write", topics.snapshot(_RUN, _ARM, _ANY)),
         *_reports(DATACENTER),
+        *_SCENARIO,
         ("read", topics.presence(_RUN, _ANY, _ANY)),
         ("read", topics.experience(_RUN, _ARM, _ANY, _ANY)),
         ("read", topics.weights_up(_RUN, _ARM, _ANY, _ANY)),
@@ -79,10 +88,17 @@ def datacenter_rights() -> list[Right]:
 
 
 def recorder_rights() -> list[Right]:
-    """The recorder reads what is reported, and asks the broker for its counters and for what it says to itself."""
+    """The recorder reads what is reported, says what the scenario is, and asks the broker for its counters.
+
+    What it says to itself goes by the broker too.
+    """
     return [
         ("write", topics.recorder(_RUN)),
+        ("write", topics.scenario(_RUN, topics.RECORDER)),
+        ("write", topics.scenario(_RUN, topics.SHARED)),
         ("write", topics.acknowledgement(_RUN, _ANY)),
+        ("write", topics.probe(_RUN)),
+        ("read", topics.probe(_RUN)),
         ("read", topics.acknowledgement(_RUN, RECORDER)),
         *_waits(topics.RECORDER),
         ("read", topics.telemetry(_RUN, _ARM, _ANY)),

@@ -6,10 +6,11 @@ import contextlib
 import datetime
 import importlib.metadata
 import json
-import os
 import platform
+import resource
 import secrets
 import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -20,23 +21,34 @@ from typing import Any, Literal, Protocol
 from rich.console import Console
 
 from common import topics
-from common.errors import ConfigurationError, JouleSwarmError
+from common.errors import ConfigurationError, JouleSwarmError, RunError, usable
+from common.host import machine, moved
 from common.keys import Credentials, credentials_of
+from common.lock import Lock, await_free
 from common.meter import Meter
 from common.mqtt import MqttBus, parse_url
 from common.payloads import Presence, encode_json
-from common.runlog import MANIFEST, STATE, RunDirectory
+from common.runlog import MANIFEST, STATE, RunDirectory, computed_on
 from common.scenario import Scenario, load_scenario
+from common.verify import check_states
+from fleet.broker_log import BrokerLog
 from fleet.launcher import Launcher
+from fleet.learning import check_learning
+from fleet.packages import command_of
+from fleet.preflight import check_largest_message
 from fleet.recorder import CLIENT, Recorder
-from fleet.resume import check_states
+from fleet.report_data import other_version, read_manifest
+from fleet.resume import check_is_there
+from fleet.stopping import telling_what_is_kept
 from fleet.summary import SCHEMA
 from fleet.traffic import DATA_CENTER
 from fleet.view import View
 
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
 _PUMP_S = 0.2
+_BROKER_FILES = 16  # beside one a client
 RESTARTS = 20
+_WAIT_FOR_CHILDREN_S = 10.0
 
 
 class Intruder(Protocol):
@@ -67,13 +79,14 @@ class Options:
     """How often a process that was killed is started again."""
     durable: bool = False
     """Whether each round is on the disk, for a power failure, before it goes on."""
+    other_processor: bool = False
+    """Whether a run may be gone on with elsewhere than where it was begun."""
     intruder: Intruder | None = None
     """Who may interfere."""
 
 
 def run_deployment(
     scenario: Scenario,
-    scenario_options: list[str],
     run: str,
     out: Path,
     console: Console,
@@ -81,11 +94,11 @@ def run_deployment(
 ) -> Path:
     """Run a scenario in processes of its own on this machine; returns the run directory.
 
-    `scenario_options` are the command-line options that make every process load this same scenario.
+    They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
-    directory = RunDirectory(out / topics.run_name(run))
-    _deploy(scenario, scenario_options, run, directory, console, options)
+    with _begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+        _deploy(scenario, run, directory, console, options)
     return directory.path
 
 
@@ -93,30 +106,90 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
     """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
 
     Raises:
-        ConfigurationError: it is complete, not the directory of such a run, or lacks the state of a process.
+        ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
+            is at work on it.
+        RunError: something of it is not as it was written; nothing has been started.
     """
     held = path / MANIFEST
-    scenario = load_scenario(held)
+    if not held.exists():
+        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
+    manifest = read_manifest(path)
+    if other := other_version(manifest):
+        raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
-    _check(scenario, options)
-    name = str(json.loads(held.read_text(encoding="utf-8"))["run"])
-    check_states(path)  # before anything is written
-    directory = RunDirectory(path, resume=True)
-    _deploy(scenario, ["--scenario", str(held.resolve())], name, directory, console, options)
+    with Lock(path, "jouleswarm run --resume"):
+        for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
+            await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
+        check_is_there(path)
+        check_states(path / STATE)
+        _check_processor(manifest, path, options, console)
+        with usable("run directory", path):
+            directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
+        scenario = load_scenario(held)
+        _check(scenario, options)
+        _say_where(directory, console)
+        _deploy(scenario, manifest["run"], directory, console, options)
     return path
+
+
+@contextlib.contextmanager
+def _begun(out: Path, run: str, who: str, console: Console, *, with_state: bool) -> Iterator[RunDirectory]:
+    """A new run directory of one's own, told in the first line that a run prints."""
+    path = out / topics.run_name(run)
+    with usable("--out", out):
+        path.mkdir(parents=True, exist_ok=True)
+    with Lock(path, who):
+        directory = RunDirectory(path, state=path / STATE / CLIENT if with_state else None)
+        _say_where(directory, console)
+        yield directory
+
+
+def _say_where(directory: RunDirectory, console: Console) -> None:
+    console.print(f"run directory: {directory.path}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _check_processor(manifest: dict[str, Any], path: Path, options: Options, console: Console) -> None:
+    """Hold this machine against the one on which a run was begun, or last gone on with."""
+    noted = computed_on(manifest)
+    before = {processors[-1] for client, processors in noted.items() if client != DATA_CENTER}  # which may have CUDA
+    if not before:
+        return
+    here = _arithmetic_here()
+    for other in before - {here}:
+        if not options.other_processor:
+            raise ConfigurationError(f"run {path}: {moved(other, here)}")
+        console.print(f"begun on {other}; going on on {here}", highlight=False, soft_wrap=True)
+
+
+def _arithmetic_here() -> str:
+    # In a process of its own: this one does not load PyTorch.
+    asked = subprocess.run(command_of("common.host"), capture_output=True, text=True, check=False)
+    if asked.returncode:
+        raise RunError(f"cannot tell what is computed on here: {asked.stderr.strip().splitlines()[-1:]}")
+    return asked.stdout.strip()
 
 
 def _check(scenario: Scenario, options: Options) -> None:
     if options.broker is not None:
         parse_url(options.broker)
+    else:
+        _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
 
 
+def _check_open_files(clients: int) -> None:
+    allowed, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _BROKER_FILES + clients
+    if resource.RLIM_INFINITY != allowed < needed:
+        raise ConfigurationError(
+            f"open files: a process may have {allowed}, expected {needed} or more, for the broker's connections to "
+            f"{clients} clients; raise `ulimit -n`"
+        )
+
+
 def _deploy(
     scenario: Scenario,
-    scenario_options: list[str],
     run: str,
     directory: RunDirectory,
     console: Console,
@@ -126,27 +199,34 @@ def _deploy(
     keys = [] if options.keys is None else ["--keys", str(options.keys.resolve())]
     goes_on = scenario.federation.on_missing == "proceed"
     with ExitStack() as stack:
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
                 options.restarts,
-                partial(console.print, highlight=False),
+                partial(console.print, highlight=False, markup=False, soft_wrap=True),
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
+        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
+        stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
         recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
-        common = ["--broker", line, *keys, "--run", run, *scenario_options, "--keep-state"]
+        held = ["--scenario", str((directory.path / MANIFEST).resolve())]
+        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
         common += ["--durable"] if options.durable else []
+        common += ["--other-processor"] if options.other_processor else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        _watch(scenario, recorder, console, launcher, intruder)
+        _watch(scenario, recorder, console, launcher, intruder, broker_log)
     shutil.rmtree(state)
 
 
@@ -165,16 +245,21 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
-    directory = RunDirectory(out / topics.run_name(run))
-    with _recording(scenario, broker, run, directory, console, credentials, embedded=False) as recorder:
+    with ExitStack() as stack:
+        directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
+        recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)
+        recorder = stack.enter_context(recording)
         if ready_file is not None:
-            ready_file.touch()
+            with usable("--ready-file", ready_file):
+                ready_file.touch()
         _watch(scenario, recorder, console, None)
     return directory.path
 
 
 def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
-    """What `manifest.json` holds."""
+    """What `manifest.json` holds; on what each process computes comes with its presence."""
     return {
         "schema": SCHEMA,
         "run": run,
@@ -184,7 +269,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
         },
-        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "host": machine(),
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
     }
@@ -223,10 +308,12 @@ def _recording(
         connect_timeout_s=scenario.bus.connect_timeout_s,
         meter=Meter("client", state and state / CLIENT),
     )
+    check_largest_message(bus, scenario, run)
     recorder = Recorder(bus, scenario, run, directory, state)
     status: Literal["complete", "interrupted", "failed"] = "failed"
     try:
         yield recorder
+        check_learning(scenario, directory.rows)
         status = "complete"
     except KeyboardInterrupt:
         status = "interrupted"
@@ -247,6 +334,7 @@ def _watch(
     console: Console,
     launcher: Launcher | None,
     intruder: Intruder | None = None,
+    broker_log: BrokerLog | None = None,
 ) -> None:
     with View(console, scenario, recorder) as view:
         while recorder.waiting_for:
@@ -256,4 +344,6 @@ def _watch(
                 launcher.check()
             if intruder is not None:
                 intruder.tick()
+            if broker_log is not None:
+                broker_log.show()
             view.update()

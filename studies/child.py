@@ -14,7 +14,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from common.errors import JouleSwarmError, StudyError
+from common.errors import StudyError
+from common.process import one_line_errors
 from common.scenario import load_scenario
 from fleet.report_data import load_run
 from fleet.run import run_deployment
@@ -32,9 +33,8 @@ def lead(folder: Path, name: str) -> None:
     """
     file = folder / "scenario.toml"
     settings = (folder / SETTINGS).read_text(encoding="utf-8").splitlines()
-    options = ["--scenario", str(file), *(part for each in settings for part in ("--set", each))]
     quiet = Console(quiet=True, force_terminal=False)
-    path = run_deployment(load_scenario(file, settings), options, name, folder, quiet)
+    path = run_deployment(load_scenario(file, settings), name, folder, quiet)
     run = load_run(path)
     if run.status != "complete":
         raise StudyError(f"the run is {run.status}, expected complete; see {path}")
@@ -50,12 +50,10 @@ def main() -> None:
     try:
         # In here: a stdin that is closed already breaks off what comes next, whatever that is.
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
-        lead(Path(folder), name)
-    except JouleSwarmError as error:
-        print(error, file=sys.stderr)
-        raise SystemExit(error.exit_code) from error
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
+        with one_line_errors(name):
+            lead(Path(folder), name)
+    except KeyboardInterrupt as stop:
+        print(str(stop) or "stopped", file=sys.stderr)
         raise SystemExit(130) from None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import signal
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
@@ -39,7 +40,9 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
 
 def _local_cluster(workers: int) -> LocalCluster:
     # A Ctrl-C at the terminal is for this process alone, which ends its workers itself. What is started here,
-    # threads and processes, inherits the mask. The tracker comes first: it lets SIGINT through again.
+    # threads and processes, inherits the mask. The tracker comes first: it lets SIGINT through again. Nor is the
+    # current folder for them: a `random.py` there is not Python's.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

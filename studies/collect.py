@@ -9,7 +9,7 @@ from statistics import fmean
 
 from common.energy import directed_links
 from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.runlog import RoundRow
+from common.runlog import RoundRow, computed_on
 from fleet.pricing import TaskResult, meta_counts, task_counts
 from fleet.report_data import Run
 from studies.facts import META_STAGE, Fact
@@ -99,4 +99,7 @@ def _slowest_s(rows: Sequence[RoundRow]) -> float:
 
 
 def _head(run: Run, arm: Arm) -> dict[str, str | int]:
-    return {"variant": "", "seed": run.scenario.seed, "arm": arm.name, "method": arm.method, "t0": arm.t0}
+    noted = computed_on(run.manifest).values()
+    processor = "; ".join(sorted({each for processors in noted for each in processors}))
+    head: dict[str, str | int] = {"variant": "", "seed": run.scenario.seed, "processor": processor}
+    return head | {"arm": arm.name, "method": arm.method, "t0": arm.t0}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
-from common.errors import StudyError
+from common.errors import StudyError, usable
+from fleet.endings import signal_of
+from fleet.packages import command_of
 from studies.facts import Fact, read_facts
 from studies.files import write_atomically
 from studies.jobs import Job
@@ -31,20 +32,22 @@ def run_job(job: Job, work: Path, keep: bool) -> list[Fact]:
         StudyError: the deployment failed; the message is the last line that it printed.
     """
     folder = work / job.name
-    if folder.exists():
-        shutil.rmtree(folder)
-    job.write(folder)
+    with usable("--work", folder, StudyError):
+        if folder.exists():
+            shutil.rmtree(folder)
+        job.write(folder)
     write_atomically(folder / SETTINGS, "\n".join(job.settings) + "\n")
     with (folder / OUTPUT).open("wb") as output:
         # In a session of its own: a Ctrl-C at the terminal is not for it. It ends when its stdin is closed.
-        command = [sys.executable, "-m", "studies.child", str(folder), job.name]
+        command = [*command_of("studies.child"), str(folder), job.name]
         child = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
         )
         code = child.wait()
     if code != 0:
         printed = (folder / OUTPUT).read_text(errors="replace").strip().splitlines()
-        told = printed[-1] if printed else "it printed nothing"
+        sent = signal_of(code)
+        told = printed[-1] if printed else f"it printed nothing, {sent.name if sent else 'no cause told'}"
         raise StudyError(f"{told} (exit code {code}, see {folder})")
     facts = [fact.model_copy(update={"variant": job.variant}) for fact in read_facts(folder / FACTS)]
     if not keep:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -52,6 +52,8 @@ class Fact(BaseModel):
     sidelink_sent_bytes: float
     seconds: float
     """Wall-clock time of the stage: of its slowest robot, or of the data center."""
+    processor: str = ""
+    """What it was computed on (see `common.host`); "" in facts from before that was noted."""
 
     @property
     def counts(self) -> Counts:
@@ -68,6 +70,7 @@ class Fact(BaseModel):
 
 
 COLUMNS = tuple(Fact.model_fields)
+_TEXTS = ("variant", "processor")
 
 
 def write_facts(path: Path, facts: Iterable[Fact]) -> None:
@@ -93,17 +96,27 @@ def read_facts(path: Path) -> list[Fact]:
         rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StudyError(f"{path}: cannot be read ({error}); expected the facts.csv of a study") from error
-    if not rows or tuple(rows[0]) != COLUMNS:
+    columns = COLUMNS if rows and len(rows[0]) == len(COLUMNS) else COLUMNS[:-1]
+    if not rows or tuple(rows[0]) != columns:
         got = ",".join(rows[0]) if rows else "an empty file"
         raise StudyError(f"{path}: got {got}, expected the columns {','.join(COLUMNS)}; run the study again")
-    return [_fact(row, f"{path}, line {number}") for number, row in enumerate(rows[1:], start=2)]
+    return [_fact(columns, row, f"{path}, line {number}") for number, row in enumerate(rows[1:], start=2)]
 
 
-def _fact(row: list[str], where: str) -> Fact:
-    if len(row) != len(COLUMNS):
-        raise StudyError(f"{where}: {len(row)} cells, expected {len(COLUMNS)}; delete the file and run the study again")
+def processors_note(facts: Iterable[Fact]) -> str | None:
+    """What to know of facts that were not all computed on the same; None where they were."""
+    found = sorted({fact.processor for fact in facts})
+    if len(found) < 2:
+        return None
+    told = "; ".join(name or "not noted" for name in found)
+    return f"facts were computed on {len(found)} kinds of processor ({told}): run again on one, some may be others"
+
+
+def _fact(columns: Sequence[str], row: list[str], where: str) -> Fact:
+    if len(row) != len(columns):
+        raise StudyError(f"{where}: {len(row)} cells, expected {len(columns)}; delete the file and run the study again")
     # Only text may be empty; any other empty cell is a value that is not known.
-    cells = {name: cell if cell or name == "variant" else None for name, cell in zip(COLUMNS, row, strict=True)}
+    cells = {name: cell if cell or name in _TEXTS else None for name, cell in zip(columns, row, strict=True)}
     try:
         return Fact.model_validate(cells)
     except ValidationError as error:

@@ -6,11 +6,11 @@ import hashlib
 import json
 import re
 import tempfile
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.documents import parse_toml
 from common.errors import ConfigurationError
 from common.methods import META_METHODS
 from common.scenario import Scenario, load_scenario
@@ -37,7 +37,7 @@ class Job:
     @property
     def name(self) -> str:
         """Name of the job's files. Other settings make another name, so facts are never taken for others'."""
-        said = [tomllib.loads(self.scenario), list(self.overrides), self.variant]
+        said = [parse_toml(self.scenario), list(self.overrides), self.variant]
         digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:8]
         label = re.sub(r"[^A-Za-z0-9]+", "-", self.variant).strip("-") or "base"
         return f"{label}-s{self.seed:03d}-{digest}"

@@ -47,7 +47,7 @@ def read_record(folder: Path) -> Record:
     """
     path = folder / RECORD
     try:
-        return Record.model_validate_json(path.read_text(encoding="utf-8"))
+        return Record.model_validate_json(path.read_bytes())
     except OSError as error:
         raise StudyError(f"{path}: cannot be read ({error.strerror}); name a results folder of a study") from error
     except ValidationError as error:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from common.errors import ConfigurationError, StudyError
+from common.errors import ConfigurationError, StudyError, usable
 from common.scenario import Scenario, with_overrides
 from studies.catalogue import kind_of
-from studies.engine import FACTS, run_jobs
-from studies.facts import read_facts, write_facts
+from studies.engine import FACTS, collected, run_jobs
+from studies.facts import processors_note, read_facts, write_facts
 from studies.jobs import Request
 from studies.kinds import Kind, write_outputs
 from studies.progress import Progress
@@ -46,7 +46,8 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
     _check_beta(scenario)
     for job in plan.jobs:
         job.load()  # before hours are spent on others
-    where.results.mkdir(parents=True, exist_ok=True)
+    with usable("--results", where.results):
+        where.results.mkdir(parents=True, exist_ok=True)
     record = Record(
         study=kind.name,
         profile=profile,
@@ -57,14 +58,23 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         values=plan.values,
     )
     write_record(where.results, record)
-    failed = run_jobs(
-        plan.jobs,
-        functools.partial(run_job, work=where.work.resolve(), keep=where.keep),
-        where.results,
-        functools.partial(connected, where.scheduler, min(where.workers, len(plan.jobs))),
-        Progress(console, f"study {kind.name}"),
-    )
-    written = make_tables(where.results) if read_facts(where.results / FACTS) else []
+    try:
+        failed = run_jobs(
+            plan.jobs,
+            functools.partial(run_job, work=where.work.resolve(), keep=where.keep),
+            where.results,
+            functools.partial(connected, where.scheduler, min(where.workers, len(plan.jobs))),
+            Progress(console, f"study {kind.name}"),
+        )
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"stopped: {len(collected(where.results, plan.jobs))} facts are kept in {where.results}; "
+            "the same command goes on with the jobs that are left"
+        ) from None
+    facts = read_facts(where.results / FACTS)
+    written = make_tables(where.results) if facts else []
+    if note := processors_note(facts):
+        console.print(note, highlight=False)
     if failed:
         told = "; ".join(f"{name} ({type(error).__name__}: {error})" for name, error in failed.items())
         raise StudyError(f"{len(failed)} of {len(plan.jobs)} jobs failed, run again to try them again: {told}")
@@ -94,7 +104,8 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
     scenario = with_overrides(record.scenario, changes, str(results / RECORD))
     _check_beta(scenario)
     facts = read_facts(results / FACTS)
-    into.mkdir(parents=True, exist_ok=True)
+    with usable("--out", into):
+        into.mkdir(parents=True, exist_ok=True)
     write_record(into, record.model_copy(update={"scenario": scenario}))
     write_facts(into / FACTS, facts)
     return make_tables(into)

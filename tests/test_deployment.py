@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -147,6 +148,7 @@ def test_a_process_that_is_done_stays_and_one_that_fails_ends_its_container(
     shell, option, line = services[role]["command"]
     assert (shell, option) == ("sh", "-c")
     # The line itself, with stand-ins for the process and for the sleep.
+    line = line.replace("/tmp/done", str(tmp_path / "done"))
     for name, code in (("python", "exit ${CODE}"), ("sleep", "echo stays")):
         (tmp_path / name).write_text(f"#!/bin/sh\n{code}\n")
         (tmp_path / name).chmod(0o755)
@@ -156,8 +158,41 @@ def test_a_process_that_is_done_stays_and_one_that_fails_ends_its_container(
         done = subprocess.run([shell, option, line], env=environment, capture_output=True, text=True, timeout=30)
         return done.returncode, done.stdout
 
-    assert run(0) == (0, "stays\n")
     assert run(5) == (5, "")
+    assert not (tmp_path / "done").exists()
+    assert run(0) == (0, "stays\n")
+    assert (tmp_path / "done").exists()
+
+
+@pytest.mark.parametrize("role", ["datacenter", *ROBOTS])
+def test_a_process_is_healthy_while_it_is_connected_to_the_broker_or_done(
+    services: dict[str, Any], role: str, tmp_path: Path
+) -> None:
+    kind, line = services[role]["healthcheck"]["test"]
+    assert (kind, 0x22B3) == ("CMD-SHELL", 8883)
+    assert services[role]["environment"]["JOULESWARM_BROKER"].endswith(":8883")
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port: int = listener.getsockname()[1]
+        line = line.replace(":22B3", f":{port:04X}").replace("/tmp/done", str(tmp_path / "done"))
+
+        def healthy() -> bool:
+            return subprocess.run(["sh", "-c", line], timeout=10, capture_output=True).returncode == 0
+
+        assert not healthy()  # it only listens
+        with socket.create_connection(("127.0.0.1", port)):
+            assert healthy()
+    assert not healthy()
+    (tmp_path / "done").touch()
+    assert healthy()
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_every_container_has_a_limit_of_memory_and_of_processes(services: dict[str, Any], role: str) -> None:
+    kind = {"keys": "KEYS", "broker": "BROKER", "recorder": "RECORDER", "datacenter": "DATACENTER"}.get(role, "ROBOT")
+    limit = services[role]["mem_limit"]
+    assert re.fullmatch(rf"\$\{{JOULESWARM_MEMORY_{kind}:-\d+[mg]}}", limit)
+    assert services[role]["memswap_limit"] == limit  # no swap beyond it
+    assert services[role]["pids_limit"] <= 256
 
 
 def test_only_the_counters_are_published_and_to_this_machine_alone(compose: dict[str, Any]) -> None:

@@ -197,7 +197,7 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     hands = hub.connect("hands")
     hands.subscribe(topics.weights("r", "fl", 1, 1))
     for agent in offsets:
-        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
+        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=3)), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
     shapes = shapes_of(build_qnetwork(scenario.network))
     published = []
@@ -230,7 +230,8 @@ def test_the_meta_model_is_where_federated_learning_starts() -> None:
     snapshot, weights = ears.receive(0), ears.receive(0)
     assert snapshot is not None
     assert weights is not None
-    meta, _ = decode_model(snapshot.payload, meta_model_shapes(scenario))
+    meta = safetensors.numpy.load(bytes(snapshot.payload))
+    assert {name: tensor.shape for name, tensor in meta.items()} == meta_model_shapes(scenario)
     first, _ = decode_model(weights.payload, shapes_of(build_qnetwork(scenario.network)))
     # Robot 1's task is trained on, so its last layer is the task's own.
     for name, tensor in first.items():

@@ -1,11 +1,14 @@
 """The Gymnasium environment."""
 
+import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import agents
@@ -87,10 +90,72 @@ def test_random_starts_are_anywhere_but_the_exit(small: Scenario) -> None:
     assert cells == {(r, c) for r in range(8) for c in range(5)} - {(7, 2)}
 
 
-@pytest.mark.parametrize("start", [(8, 0), (-1, 2), (7, 2), "exit", 3, (1, 2, 3), None])
+@pytest.mark.parametrize("start", [[3, 4], (np.int64(3), np.uint8(4)), np.array([3, 4])])
+def test_a_start_may_be_of_numpy_s_integers(small: Scenario, start: object) -> None:
+    _, info = LandmarksEnv(scenario=small, task=3).reset(seed=0, options={"start": start})
+    assert info["cell"] == (3, 4)
+    assert [type(each) for each in info["cell"]] == [int, int]
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        (8, 0),
+        (-1, 2),
+        (7, 2),
+        "exit",
+        3,
+        (1, 2, 3),
+        None,
+        (True, 1),
+        (1.0, 2),
+        np.array([1.0, 2.0]),
+        np.array([[1, 2]]),
+    ],
+)
 def test_a_start_off_the_grid_is_refused(small: Scenario, start: object) -> None:
     with pytest.raises(ConfigurationError, match="start"):
         LandmarksEnv(scenario=small, task=3).reset(options={"start": start})
+
+
+@pytest.mark.parametrize("action", [-1, 4, 7, 1.9, 1.0, "0", None, True, np.bool_(True), np.array([1]), np.float32(1)])
+def test_an_action_that_is_none_is_refused_and_nothing_moves(small: Scenario, action: Any) -> None:
+    env = LandmarksEnv(scenario=small, task=1)
+    env.reset(seed=0)
+    with pytest.raises(InvalidAction, match=re.escape(f"action {action!r}, expected one of the integers 0 to 3")):
+        env.step(action)
+    assert env.step(FORWARD)[4]["cell"] == (1, 2)
+
+
+@pytest.mark.parametrize("action", [RIGHT, np.int64(RIGHT), np.uint8(RIGHT), np.array(RIGHT)])
+def test_an_action_may_be_any_integer_of_python_or_numpy(small: Scenario, action: Any) -> None:
+    env = LandmarksEnv(scenario=small, task=1)
+    env.reset(seed=0)
+    assert env.step(action)[4]["cell"] == (0, 3)
+
+
+def test_a_motion_outside_of_an_episode_is_refused(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=3)
+    with pytest.raises(ResetNeeded, match=r"none was begun; expected reset\(\) before step\(\)"):
+        env.step(FORWARD)
+    env.reset(seed=0, options={"start": (6, 2)})
+    assert env.step(FORWARD)[2]  # the exit
+    with pytest.raises(ResetNeeded, match="it has ended"):
+        env.step(FORWARD)
+    env.reset()
+    for _ in range(20):
+        *_, truncated, _ = env.step(BACKWARD)
+    assert truncated
+    with pytest.raises(ResetNeeded, match="it has ended"):
+        env.step(FORWARD)
+
+
+def test_an_option_that_is_not_known_is_refused(small: Scenario) -> None:
+    env = LandmarksEnv(scenario=small, task=3)
+    with pytest.raises(
+        ConfigurationError, match=r"reset options \['begin'\] are not known, expected \"start\" or none"
+    ):
+        env.reset(options={"begin": (1, 1)})
 
 
 def test_same_seed_same_episode(small: Scenario) -> None:

@@ -13,6 +13,7 @@ from agents.neighbourhood import Neighbourhood
 from common import topics
 from common.bus import MemoryBus, MemoryHub, Message
 from common.errors import RunError
+from common.host import arithmetic
 from common.methods import Arm
 from common.payloads import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json, encode_model
 from common.settings import Bus, Federation
@@ -334,7 +335,7 @@ def test_presence_is_retained_for_robots_that_come_later() -> None:
     late.subscribe(topics.presence(RUN, TASK, ME))
     message = heard(late)
     assert message.retained
-    assert decode_json(message.payload, Presence) == Presence(agent=ME, stage=3)
+    assert decode_json(message.payload, Presence) == Presence(agent=ME, stage=3, processor=arithmetic())
 
 
 def want(table: Table, first: int, last: int) -> None:

@@ -29,6 +29,7 @@ def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario
         "camera": {"width": 16, "height": 12},
         "network": {"width": 8, "height": 6, "conv": [], "dense": []},
         "learning": {"motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, **learning},
+        "methods": ["fl"],
         "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0, "starts": learning.get("starts", "area")},
         "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X .", "rewards": rewards}],
     }  # fmt: skip
@@ -128,13 +129,40 @@ def read(payloads: list[bytes]) -> list[MotionHeader]:
     return [decode_motion(payload, 12, 16)[1] for payload in payloads]
 
 
-def test_experience_follows_the_best_policy_of_the_table() -> None:
-    headers = read(list(Explorer(scenario(starts="entry"), 1).motions(2)))
-    assert [(each.task, each.agent, each.round, each.motion) for each in headers] == [(1, 1, 2, m) for m in range(8)]
-    assert [each.action for each in headers] == [FORWARD] * 8
-    assert [each.reward for each in headers] == pytest.approx([FIRST, SECOND, EXIT] * 2 + [FIRST, SECOND], abs=1e-5)
-    assert [each.first for each in headers] == [True, False, False] * 2 + [True, False]
-    assert [each.terminated for each in headers] == [False, False, True] * 2 + [False, False]
+def test_experience_follows_the_best_policy_of_the_table_from_round_to_round() -> None:
+    explorer = Explorer(scenario(starts="entry"), 1)
+    one, two = read(list(explorer.motions(1))), read(list(explorer.motions(2)))
+    assert [(each.task, each.agent, each.round, each.motion) for each in two] == [(1, 1, 2, m) for m in range(8)]
+    assert [each.action for each in one + two] == [FORWARD] * 16
+    # five episodes of three motions and a sixth's first; the first round ends two motions into the third
+    rewards = [FIRST, SECOND, EXIT] * 5 + [FIRST]
+    assert [each.reward for each in one + two] == pytest.approx(rewards, abs=1e-5)
+    assert [each.first for each in one + two] == [True, False, False] * 5 + [True]
+    assert [each.terminated for each in one + two] == [False, False, True] * 5 + [False]
+
+
+def test_an_episode_that_goes_on_in_the_next_round_is_truncated_when_it_would_have_been() -> None:
+    settings = scenario(rewards=[1.0] * 9 + [1.0, 0.0, 1.0], starts="entry")  # leaving is worth nothing
+    settings = settings.model_copy(update={"world": settings.world.model_copy(update={"max_motions": 5})})
+    explorer = Explorer(settings, 1)
+    headers = [each for round_ in (1, 2, 3) for each in read(list(explorer.motions(round_)))]
+    assert [index for index, each in enumerate(headers) if each.first] == [0, 5, 10, 15, 20]
+    assert not any(each.terminated for each in headers)
+
+
+def test_a_round_s_experience_is_the_same_whichever_round_was_asked_for_first() -> None:
+    settings = scenario().model_copy(update={"meta": scenario().meta.model_copy(update={"epsilon": 0.5})})
+    forwards, backwards = Explorer(settings, 1), Explorer(settings, 1)
+    rounds = {round_: list(forwards.motions(round_)) for round_ in (1, 2, 3)}
+    assert {round_: list(backwards.motions(round_)) for round_ in (3, 2, 1)} == rounds
+
+
+def test_experience_for_a_learning_data_center_goes_on_where_the_round_before_ended() -> None:
+    settings = scenario(starts="entry")
+    explorer, policy = begun(settings), always(FORWARD, settings)
+    headers = [each for round_ in (1, 2) for each in read(list(explorer.policy_motions(policy, round_)))]
+    assert [each.first for each in headers] == [True, False, False] * 5 + [True]
+    assert [each.terminated for each in headers] == [False, False, True] * 5 + [False]
 
 
 def test_a_round_of_experience_asked_for_again_is_the_same_to_the_bit() -> None:
@@ -159,21 +187,21 @@ def test_robots_of_a_cluster_start_in_areas_of_their_own() -> None:
     assert arrived == [{0, 1, 3}, {4, 6, 7, 9, 10}]
 
 
-@pytest.mark.parametrize("motions", [0, 3, 8, 11])  # between episodes or in the middle of one
-def test_an_explorer_that_comes_back_goes_on_bit_by_bit(motions: int, tmp_path: Path) -> None:
-    settings = scenario(epsilon=0.5)
+@pytest.mark.parametrize("motions", [1, 3, 8, 11])  # between episodes or in the middle of one
+@pytest.mark.parametrize("sends", [False, True], ids=["into its own memory", "to the data center"])
+def test_an_explorer_that_comes_back_goes_on_bit_by_bit(sends: bool, motions: int, tmp_path: Path) -> None:
+    settings = scenario(epsilon=0.5, motions_per_round=motions)
 
     def next_round(explorer: Explorer) -> tuple[Any, ...]:
         learner = always(FORWARD, settings)
+        if sends:
+            return explorer.evaluate(learner), list(explorer.policy_motions(learner, 2))
         explorer.collect(learner, 9)
         batch = learner.replay.sample(20, np.random.default_rng(1))
-        sent = list(explorer.policy_motions(learner, 2))
-        return explorer.evaluate(learner), [part.tolist() for part in batch], sent
+        return explorer.evaluate(learner), [part.tolist() for part in batch]
 
     undisturbed = begun(settings)
-    learner = always(FORWARD, settings)
-    undisturbed.collect(learner, motions)
-    undisturbed.evaluate(learner)
+    next_round(undisturbed)
     file = StateFile(tmp_path / "s.safetensors", "o")
     file.save(undisturbed.state())
     state, back = file.load(), begun(settings)

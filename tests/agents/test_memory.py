@@ -10,6 +10,7 @@ import pytest
 
 from agents.memory import Memory
 from common.errors import RunError
+from common.lock import Lock
 from common.meter import Meter
 from common.scenario import Scenario, scenario_from
 from common.state import Keep, State
@@ -114,13 +115,41 @@ def test_what_changes_nothing_that_is_learned_may_change(tmp_path: Path) -> None
     assert back.start_of("fl") is not None
 
 
+def test_rows_and_counters_beside_a_state_are_found_as_they_were_or_it_is_refused(tmp_path: Path) -> None:
+    meter = Meter("client", tmp_path)
+    meter.count("agent-1", "jouleswarm/r/fl/sl/1/1/weights", "out", 10, 20)
+    first = memory(tmp_path)
+    assert first.rows is not None
+    first.rows.write_text('{"phase":"fl","round":1}\n')
+    first.save("fl", 1, {"one": Count(1)})
+    with first.rows.open("a") as rows:
+        rows.write('{"phase":"fl","round":2}\n')  # of a round that was not saved any more
+    assert memory(tmp_path).restore("fl", {"one": Count()}) == 1
+    for name in ("rounds.jsonl", "counters.keys"):
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(b"?" + whole[1:])
+        with pytest.raises(RunError, match=f"^{tmp_path}/{name}: not as it was written"):
+            memory(tmp_path)
+        (tmp_path / name).write_bytes(whole)
+
+
+def test_a_state_that_has_gone_is_missed_where_rows_tell_of_it(tmp_path: Path) -> None:
+    (tmp_path / "rounds.jsonl").write_text('{"phase":"maml","round":1}\n')
+    memory(tmp_path)  # of meta-learning there is no state
+    (tmp_path / "rounds.jsonl").write_text('{"phase":"fl","round":1}\n')
+    with pytest.raises(RunError, match=f"^{tmp_path}: the robot's state is gone"):
+        memory(tmp_path)
+
+
 def test_a_robot_that_has_left_leaves_no_trace(tmp_path: Path) -> None:
     first = memory(tmp_path / "robot")
     assert first.rows is not None
     first.begin("fl", START)
     first.rows.write_text("row\n")
+    lock = Lock(tmp_path / "robot", "robot 1")
     first.clear()
     assert list(tmp_path.iterdir()) == []
+    lock.release()
 
 
 def test_a_robot_that_has_left_leaves_somebody_elses_files_and_their_folder(tmp_path: Path) -> None:

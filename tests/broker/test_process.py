@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from common.counters import Counters
+from common.lock import Lock
+
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-m", "broker"]
 
@@ -64,6 +67,23 @@ def test_port_in_use_is_one_clear_line_and_exit_code_2(option):
     assert f"port {port}" in line
     assert "in use" in line
     assert option in line
+
+
+def test_a_state_folder_that_another_process_holds_is_one_clear_line_and_exit_code_2(tmp_path):
+    with Lock(tmp_path, "broker"):
+        ended = run("--port", "0", "--no-metrics", "--state", str(tmp_path))
+    assert ended.returncode == 2
+    (line,) = ended.stderr.splitlines()
+    assert f"broker: {tmp_path} is held by broker, process {os.getpid()} on " in line
+
+
+def test_counters_that_are_not_as_they_were_written_are_one_clear_line_and_exit_code_5(tmp_path):
+    Counters(tmp_path).cell(("agent-1", "topic", "in")).add(1, 2)
+    (tmp_path / "counters-0.bin").write_bytes(b"")
+    ended = run("--port", "0", "--no-metrics", "--state", str(tmp_path))
+    assert ended.returncode == 5
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith(f"broker: {tmp_path}/counters-0.bin: not as it was written")
 
 
 def test_address_that_is_not_ours_is_one_clear_line_and_exit_code_2():

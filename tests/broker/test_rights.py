@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from broker.access import CACHED_TOPICS, Grants, parse_users
 from broker.rights import Access, covers, matches, parse_rights, permits, permits_filter
+from common import topics
 from common.errors import ConfigurationError
 
 FILE = """
@@ -162,3 +163,13 @@ def test_a_user_without_such_a_hash_is_named_but_not_shown(line: str) -> None:
     with pytest.raises(ConfigurationError, match=r"^users, line 2, user ") as caught:
         parse_users(f"agent-1:{HASH}\n{line}\n", "users")
     assert "secret" not in str(caught.value)
+
+
+def test_what_the_broker_takes_everybody_may_know() -> None:
+    told: list[str] = []
+    grants = Grants(parse_rights("user b\ntopic read own/+").of("a", "a"), told.append)
+    assert grants.may_subscribe(topics.BROKER_LIMITS)
+    assert grants.may_receive(topics.BROKER_LIMITS)
+    assert not grants.may_publish(topics.BROKER_LIMITS)
+    assert not grants.may_receive(topics.BROKER_METER)
+    assert told == [f"publish on {topics.BROKER_LIMITS}"]

@@ -116,6 +116,15 @@ def test_a_broker_that_was_killed_goes_on_counting_rows_and_totals(tmp_path):
     assert meter.rows() == read_rows("broker", tmp_path)
 
 
+def test_a_broker_without_space_to_count_in_is_told_to_end(tmp_path):
+    meter, failures = BrokerMeter(folder=tmp_path), []
+    meter.on_failure = failures.append
+    (tmp_path / "counters-0.bin").mkdir()  # in the way of the file
+    meter.received("agent-1", "jouleswarm/r/maml/sl/1/1/weights", 5, 50)
+    (error,) = failures
+    assert str(error).startswith(f"cannot write {tmp_path}/counters-0.bin: ")
+
+
 def test_name_of_undoes_wire_id_and_leaves_other_ids_alone():
     assert wire_id("agent-3") != wire_id("agent-3")
     assert name_of(wire_id("agent-3")) == "agent-3"

@@ -6,6 +6,7 @@ import pytest
 
 from common import topics
 from common.bus import MemoryHub, Message, matches
+from common.errors import MessageTooLargeError
 
 WEIGHTS = topics.weights("r", "maml", 1, 1)  # jouleswarm/r/maml/sl/1/1/weights: 32 characters
 
@@ -93,6 +94,17 @@ def test_nothing_comes_after_unsubscribing_or_closing() -> None:
     publisher.publish("x", b"p")
     assert first.receive(0.001) is None
     assert second.receive(0.001) is None
+
+
+def test_a_message_beyond_the_hubs_limit_is_an_error_and_counts_for_nothing() -> None:
+    hub = MemoryHub(limit_bytes=2 + 32 + 2 + 10)  # the topic's length and its characters, packet identifier, payload
+    bus = hub.connect("agent-1")
+    bus.publish(WEIGHTS, bytes(10))
+    bus.publish(WEIGHTS, bytes(12), qos=0)
+    with pytest.raises(MessageTooLargeError, match=f"message of 47 bytes on {WEIGHTS}: the hub takes at most 46"):
+        bus.publish(WEIGHTS, bytes(11))
+    (row,) = bus.meter.rows()
+    assert row.messages == 2
 
 
 def test_receive_waits_for_a_message_from_another_thread() -> None:

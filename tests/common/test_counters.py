@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from common.counters import Counters, Key, read_counters
+from common.errors import RunError
 
 ROOT = Path(__file__).parents[2]
 A, B, C = (("agent-1", f"topic/{name}", "in") for name in "abc")
 
 
-def add(counters: Counters, key: Key, *amounts: int) -> None:
-    cell = counters.cell(key)
-    for place, amount in enumerate(amounts):
-        cell[place] += amount
+def add(counters: Counters, key: Key, messages: int, payload_bytes: int, packet_bytes: int) -> None:
+    counters.cell(key).add(payload_bytes, packet_bytes, messages)
 
 
 def test_counts_are_added_up_and_told_in_the_order_of_their_keys() -> None:
@@ -85,8 +88,8 @@ def test_counts_survive_a_kill_in_the_middle_of_counting(tmp_path: Path) -> None
         "counters = Counters(Path(sys.argv[1]))\n"
         "while True:\n"
         "    cell = counters.cell(('agent-1', 'topic/a', 'in'))\n"
-        "    cell[0] += 1; cell[1] += 10; cell[2] += 20\n"
-        "    print(cell[0], flush=True)\n"
+        "    cell.add(10, 20)\n"
+        "    print(cell.messages, flush=True)\n"
     )
     command = [sys.executable, "-c", script, str(tmp_path)]
     said = 0
@@ -101,9 +104,94 @@ def test_counts_survive_a_kill_in_the_middle_of_counting(tmp_path: Path) -> None
             said = max([lines[-1], *(int(line) for line in rest if line.endswith("\n"))])
         messages, payload, packet = read_counters(tmp_path)[A]
         assert said <= messages <= said + 1
-        # A kill between two of the three additions leaves the later ones out, once a life.
-        assert 10 * (messages - 2) <= payload <= 10 * messages
-        assert 20 * (messages - 2) <= packet <= 2 * payload
+        assert (payload, packet) == (10 * messages, 20 * messages)  # all three, or none
+
+
+class Killed(BaseException):
+    """In place of a kill -9."""
+
+
+class Mortal:
+    """A cell's numbers, of which only so many more are written."""
+
+    def __init__(self, numbers: memoryview, left: int) -> None:
+        self._numbers, self._left = numbers, left
+
+    def __getitem__(self, place: int) -> int:
+        return int(self._numbers[place])
+
+    def __setitem__(self, place: int, number: int) -> None:
+        if not self._left:
+            raise Killed
+        self._left -= 1
+        self._numbers[place] = number
+
+
+@pytest.mark.parametrize("written", range(6))
+def test_a_kill_at_any_moment_of_counting_leaves_all_three_counts_or_none(written: int, tmp_path: Path) -> None:
+    counters = Counters(tmp_path)
+    add(counters, A, 1, 10, 20)
+    cell: Any = counters.cell(A)
+    cell._numbers = Mortal(cell._numbers, written)
+    with contextlib.suppress(Killed):
+        cell.add(5, 7)
+    expected = (2, 15, 27) if written == 5 else (1, 10, 20)
+    assert read_counters(tmp_path) == {A: expected}
+    again = Counters(tmp_path)
+    for _ in range(2):
+        add(again, A, 1, 1, 1)
+    assert read_counters(tmp_path) == {A: (expected[0] + 2, expected[1] + 2, expected[2] + 2)}
+
+
+def counted(folder: Path) -> Path:
+    counters = Counters(folder)
+    for key in (A, B):
+        for _ in range(2):  # both places of each cell have been written
+            add(counters, key, 1, 10, 20)
+    return folder / "counters-0.bin"
+
+
+@pytest.mark.parametrize("bit", range(0, 8 * 128, 7))
+def test_a_counter_of_which_a_bit_has_turned_is_refused_by_name(bit: int, tmp_path: Path) -> None:
+    file = counted(tmp_path)
+    content = bytearray(file.read_bytes())
+    content[bit // 8] ^= 1 << bit % 8
+    file.write_bytes(content)
+    with pytest.raises(RunError, match=rf"{file}: not as it was written .*topic/{'ab'[bit // 512]}"):
+        Counters(tmp_path)
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "counters of zeros": lambda folder: (folder / "counters-0.bin").write_bytes(bytes(4096 * 64)),
+    "counters cut short": lambda folder: (folder / "counters-0.bin").write_bytes(b"1234567"),
+    "counters gone": lambda folder: (folder / "counters-0.bin").unlink(),
+    "keys gone": lambda folder: (folder / "counters.keys").unlink(),
+    "a key gone": lambda folder: (folder / "counters.keys").write_text(json.dumps(A) + "\n"),
+    "keys in another order": lambda folder: (folder / "counters.keys").write_text(
+        f"{json.dumps(B)}\n{json.dumps(A)}\n"
+    ),
+    "keys that are none": lambda folder: (folder / "counters.keys").write_text("?\n?\n"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_counters_that_are_not_as_they_were_written_are_refused(damage: str, tmp_path: Path) -> None:
+    counted(tmp_path)
+    DAMAGES[damage](tmp_path)
+    for reader in (Counters, read_counters):
+        with pytest.raises(RunError, match=f"^{tmp_path}/counters.*begin the run anew$"):
+            reader(tmp_path)
+
+
+def test_a_file_that_was_being_made_is_made_again(tmp_path: Path) -> None:
+    (tmp_path / "counters-0.bin").touch()  # killed before its place on the disk was taken
+    add(Counters(tmp_path), A, 1, 2, 3)
+    assert read_counters(tmp_path) == {A: (1, 2, 3)}
+
+
+def test_counters_have_their_place_on_the_disk_before_they_are_counted_in(tmp_path: Path) -> None:
+    add(Counters(tmp_path), A, 1, 2, 3)
+    assert (tmp_path / "counters-0.bin").stat().st_blocks * 512 >= 4096 * 64
 
 
 @pytest.mark.parametrize("name", ["a topic/with ünicode", 'quote"d', "line\nbreak"])

@@ -61,11 +61,12 @@ def test_a_learner_goes_on_bit_by_bit(optimizer: str, double: bool, tmp_path: Pa
     def learner(seed: int, file: Path) -> Learner:
         return Learner(NETWORK, settings, start(seed), np.random.default_rng(seed), file)
 
+    (tmp_path / "copy").mkdir()
     undisturbed = learner(1, tmp_path / "a.bin")
     for round_ in range(3):  # 15 frames: the ring of 12 is full
         one_round(undisturbed, np.random.default_rng(round_))
-    shutil.copy(tmp_path / "a.bin", tmp_path / "b.bin")
-    back = learner(2, tmp_path / "b.bin")
+    shutil.copy(tmp_path / "a.bin", tmp_path / "copy")
+    back = learner(2, tmp_path / "copy" / "a.bin")
     through_a_file(undisturbed, back, tmp_path)
     for round_ in range(3, 6):
         for each in (undisturbed, back):
@@ -108,37 +109,80 @@ def test_a_replay_memory_goes_on_from_its_state_and_its_frames_in_a_file(tmp_pat
     assert set(batch.next_frames[:, 0, 0, 0].tolist()) == {40, 50}
 
 
-def test_a_round_that_is_done_again_finds_the_replay_memory_as_it_was(tmp_path: Path) -> None:
-    killed = Replay(3, 1, 1, tmp_path / "frames.bin")
-    for value in (10, 20, 30):
-        killed.observe(frame(value), first=False)
-        killed.act(0, float(value), terminated=False)
-    killed.observe(frame(40), first=False)
-    state = StateFile(tmp_path / "s", "o")
-    state.save(killed.state())
-    for value in (50, 60):  # a part of the next round, after the state
-        killed.act(0, 0.0, terminated=False)
-        killed.observe(frame(value), first=False)
-    back, saved = Replay(3, 1, 1, tmp_path / "frames.bin"), state.load()
+class Killed(BaseException):
+    """In place of a kill -9."""
+
+
+ROUND, RING = 3, 5  # frames: the ring has wrapped in the second round
+SAVED, MORE = 4, 8  # rounds before the kill, and all of them
+
+
+def play(replay: Replay, round_: int, frames: int = ROUND) -> bytes:
+    """The frames of a round, and what is learned from then."""
+    for motion in range(frames):
+        value = ROUND * round_ + motion
+        replay.observe(frame(value), first=motion == 0 and round_ % 3 == 0)
+        replay.act(value % 4, float(value), terminated=motion == 2 and round_ % 2 == 0)
+    return b"".join(part.tobytes() for part in replay.sample(40, np.random.default_rng(round_)))
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> list[bytes]:
+    replay = Replay(RING, 1, 1)
+    return [play(replay, round_) for round_ in range(MORE)]
+
+
+def killed(folder: Path, frames: int, share: float | None, patch: pytest.MonkeyPatch) -> None:
+    """A robot that has saved some rounds, and is killed after so many frames of the next, or so much of its state."""
+    replay, file = Replay(RING, 1, 1, folder / "frames.bin", ROUND), StateFile(folder / "s", "o")
+    for round_ in range(SAVED):
+        play(replay, round_)
+        file.save(replay.state())
+    play(replay, SAVED, frames)
+    if share is None:
+        return
+
+    def write(file: Any, content: bytes) -> None:
+        file.write(content[: int(share * len(content))])
+        raise Killed
+
+    with patch.context() as dying:
+        dying.setattr("common.state._write_all", write)
+        with pytest.raises(Killed):
+            file.save(replay.state())
+
+
+@pytest.mark.parametrize(("frames", "share"), [*((frames, None) for frames in range(4)), (3, 0), (3, 0.5), (3, 1)])
+def test_a_kill_at_any_moment_leaves_a_wrapped_replay_memory_as_its_newest_whole_state_tells(
+    frames: int, share: float | None, tmp_path: Path, undisturbed: list[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed(tmp_path, frames, share, monkeypatch)
+    back, saved = Replay(RING, 1, 1, tmp_path / "frames.bin", ROUND), StateFile(tmp_path / "s", "o").load()
     assert saved is not None
     back.load_state(saved)
-    back.act(1, 1.0, terminated=False)
-    for value in (50, 60):
-        back.observe(frame(value), first=False)
-        back.act(1, 1.0, terminated=False)
-    back.observe(frame(70), first=False)  # the ring is now 70, 50, 60
-    batch = back.sample(100, np.random.default_rng(1))
-    pairs = set(zip(batch.frames[:, 0, 0, 0].tolist(), batch.next_frames[:, 0, 0, 0].tolist(), strict=True))
-    assert pairs == {(50, 60), (60, 70)}
+    assert [play(back, round_) for round_ in range(SAVED, MORE)] == undisturbed[SAVED:]
 
 
-def test_frames_that_have_gone_are_told_and_not_taken_for_black_ones(tmp_path: Path) -> None:
-    ours = Replay(3, 1, 1, tmp_path / "frames.bin")
-    ours.observe(frame(10), first=True)
-    state = ours.state()
-    (tmp_path / "frames.bin").unlink()
-    with pytest.raises(RunError, match=r"frames\.bin: the frames of a replay memory are missing"):
-        Replay(3, 1, 1, tmp_path / "frames.bin").load_state(state)
+@pytest.mark.parametrize("place", range(RING + ROUND))
+def test_a_frame_that_is_not_as_it_was_written_is_refused(
+    place: int, tmp_path: Path, undisturbed: list[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed(tmp_path, 1, None, monkeypatch)
+    file = tmp_path / "frames.bin"
+    content = bytearray(file.read_bytes())
+    content[4 * place + 1] ^= 4
+    file.write_bytes(content)
+    # 12 frames were saved in 8 places: 7 to 11 are remembered, at 7, 0, 1, 2 and 3.
+    if place in (7, 0, 1, 2, 3):
+        with pytest.raises(RunError, match=rf"^{file}: .*altered in block {place + 1} of 8"):
+            StateFile(tmp_path / "s", "o").load()
+    else:
+        assert StateFile(tmp_path / "s", "o").load() is not None
+
+
+def test_frames_have_their_place_on_the_disk_before_there_are_any(tmp_path: Path) -> None:
+    Replay(1000, 10, 10, tmp_path / "frames.bin")
+    assert (tmp_path / "frames.bin").stat().st_blocks * 512 >= 1000 * 10 * 10 * 4
 
 
 def test_a_reward_ledger_goes_on_with_exact_rewards(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ from common.payloads import (
     MotionHeader,
     Presence,
     RoundRequest,
-    check_model,
     decode_json,
     decode_model,
     decode_motion,
@@ -31,6 +30,7 @@ from common.payloads import (
     encode_model,
     encode_motion,
 )
+from common.savedmodel import check_model
 
 WEIGHTS = {
     "0.weight": np.arange(6, dtype=np.float32).reshape(2, 3) / 7,

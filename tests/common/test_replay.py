@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.errors import TrainingError
 from common.replay import Replay
 
 DRAWS = 400  # enough that each of a handful of transitions is drawn
@@ -94,7 +95,7 @@ def test_a_sample_has_the_shapes_and_types_of_a_batch() -> None:
 
 
 def test_sampling_from_nothing_is_an_error_not_garbage() -> None:
-    with pytest.raises(ValueError, match="high <= 0"):
+    with pytest.raises(TrainingError, match="no motion with the one after it among the newest 4 of 0; expected one"):
         Replay(4, 1, 1).sample(2, np.random.default_rng(0))
 
 

@@ -1,12 +1,15 @@
 """The run directory."""
 
 import json
+import math
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.errors import ConfigurationError, RunError
+from common.lock import Lock
 from common.meter import Meter
 from common.runlog import RoundRow, RunDirectory
 
@@ -141,3 +144,151 @@ def test_what_is_no_run_is_not_gone_on_with(there: bool, tmp_path: Path) -> None
     with pytest.raises(ConfigurationError, match=r"has no manifest\.json; name one that `jouleswarm run` printed"):
         RunDirectory(path, resume=True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_that_json_cannot_say_is_an_error_and_no_summary(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path / "r")
+    with pytest.raises(
+        RunError, match=r"summary\.json: a figure is not finite .*expected finite ones; rows and counters"
+    ):
+        directory.summary({"arms": {"fl": {"energy_j": math.inf}}})
+    assert not (tmp_path / "r" / "summary.json").exists()
+
+
+def test_a_lock_is_nothing_that_is_there(tmp_path: Path) -> None:
+    with Lock(tmp_path, "jouleswarm run"):
+        assert RunDirectory(tmp_path).path == tmp_path
+
+
+def begun(path: Path, rounds: int = 3) -> RunDirectory:
+    """A run of which a resume is told whether it is as it was."""
+    directory = RunDirectory(path, state=path / "state" / "recorder")
+    directory.manifest({"run": "r", "seed": 1})
+    for round_ in range(1, rounds + 1):
+        directory.round(row(round=round_))
+    directory.weights("maml-task1", b"model")
+    return directory
+
+
+def resumed(path: Path) -> RunDirectory:
+    return RunDirectory(path, resume=True, state=path / "state" / "recorder")
+
+
+def test_a_run_that_is_as_it_was_is_gone_on_with_again_and_again(tmp_path: Path) -> None:
+    begun(tmp_path)
+    for number in (1, 2):
+        directory = resumed(tmp_path)
+        directory.manifest({"run": "r", "seed": 1, "resumed": [number]})
+        directory.round(row(round=3 + number))
+        directory.weights("maml-task1", b"model")
+        directory.summary({"status": "interrupted"})
+    assert [each.round for each in resumed(tmp_path).rows] == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "weights/maml-task1.safetensors"])
+@pytest.mark.parametrize("damage", ["altered", "cut short", "gone"])
+def test_a_file_of_the_run_that_is_not_as_it_was_is_refused_by_name(name: str, damage: str, tmp_path: Path) -> None:
+    begun(tmp_path)
+    file = tmp_path / name
+    content = file.read_bytes()
+    if damage == "gone":
+        file.rename(tmp_path / "elsewhere")
+    else:
+        file.write_bytes(content[:-1] + (b"?" if damage == "altered" else b""))
+    if damage == "gone" and name == "manifest.json":
+        with pytest.raises(ConfigurationError, match=r"has no manifest\.json"):
+            resumed(tmp_path)
+        return
+    with pytest.raises(RunError, match=f"^{file}: not as it was written"):
+        resumed(tmp_path)
+
+
+def test_what_tells_of_the_files_is_missed_when_it_has_gone(tmp_path: Path) -> None:
+    begun(tmp_path)
+    for file in (tmp_path / "state" / "recorder").glob("seals.*"):
+        file.unlink()
+    with pytest.raises(RunError, match="what tells of the run's files is gone"):
+        resumed(tmp_path)
+
+
+def test_a_kill_between_a_new_manifest_and_its_checksum_is_got_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun(tmp_path)
+    directory = resumed(tmp_path)
+
+    class Killed(BaseException):
+        pass
+
+    def killed(*_: object, **__: object) -> None:
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr("common.runlog.write_whole", killed)
+        with pytest.raises(Killed):
+            directory.manifest({"run": "r", "seed": 1, "resumed": [1]})
+    assert [each.round for each in resumed(tmp_path).rows] == [1, 2, 3]
+
+
+ALTERED: dict[str, Any] = {
+    "a reward altered": lambda whole: [whole[0], whole[1].replace(b'"reward":null', b'"reward":9.5'), whole[2]],
+    "one missing": lambda whole: [whole[0], whole[2]],
+    "one twice": lambda whole: [whole[0], whole[0], whole[1], whole[2]],
+    "cut short": lambda whole: [whole[0], whole[1][:20]],
+    "another order": lambda whole: [whole[0], whole[2], whole[1]],
+    "zeros": lambda whole: [whole[0], bytes(len(whole[1]) + len(whole[2]))],
+}
+
+
+@pytest.mark.parametrize("how", ALTERED)
+def test_rows_that_are_not_as_they_were_are_cut_off_at_a_resume_and_come_back(how: str, tmp_path: Path) -> None:
+    begun(tmp_path)
+    file = tmp_path / "rounds.jsonl"
+    written = file.read_bytes()
+    file.write_bytes(b"".join(ALTERED[how](written.splitlines(keepends=True))))
+    directory = resumed(tmp_path)
+    assert [each.round for each in directory.rows] == [1]
+    directory.round(row(round=4))
+    assert "2 rows were lost" in directory.lost_rows()
+    directory.complete([row(round=round_) for round_ in (1, 2, 3, 4)])
+    assert directory.lost_rows() == ""
+    directory.summary({})
+    assert file.read_bytes().startswith(written)
+    assert [each["round"] for each in lines(file)] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("how", [*ALTERED, "removed"])
+def test_rows_that_are_altered_while_the_run_goes_on_come_back_with_the_list_of_all(how: str, tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    for round_ in (1, 2, 3):
+        directory.round(row(round=round_))
+    file = tmp_path / "rounds.jsonl"
+    if how == "removed":
+        file.unlink()
+    else:
+        file.write_bytes(b"".join(ALTERED[how](file.read_bytes().splitlines(keepends=True))))
+    directory.round(row(agent=2, round=1))
+    directory.round(row(round=4))
+    directory.complete([row(round=round_) for round_ in (1, 2, 3, 4)])
+    directory.complete([row(agent=2, round=1)])
+    assert directory.lost_rows() == ""
+    directory.summary({})
+    expected = [row(agent=1, round=round_) for round_ in (1, 2, 3, 4)] + [row(agent=2, round=1)]
+    assert directory.rows == expected
+
+
+def test_rows_lost_after_their_list_of_all_was_told_are_missed(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    for agent in (1, 2):
+        directory.complete([row(agent=agent, round=round_) for round_ in (1, 2)])
+    file = tmp_path / "rounds.jsonl"
+    file.write_bytes(b"".join(file.read_bytes().splitlines(keepends=True)[:3]))
+    assert re.fullmatch(rf"{file}: 2 rows were lost, robot 2 in maml", directory.lost_rows())
+    assert [(each.agent, each.round) for each in directory.rows] == [(1, 1), (1, 2)]
+
+
+def test_a_row_that_cannot_be_read_is_an_error_of_ours(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    (tmp_path / "rounds.jsonl").write_bytes(b"\xff\n")
+    with pytest.raises(RunError, match=r"rounds\.jsonl: a row is damaged"):
+        _ = directory.rows

@@ -1,12 +1,15 @@
 """Scenario files: what they resolve to, and one clear line for each thing that can be wrong."""
 
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
 from common.errors import ConfigurationError
+from common.fitting import parameter_count
 from common.methods import Arm
 from common.scenario import Scenario, load_scenario, scenario_from
 
@@ -89,6 +92,53 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"federation": {"topology": "random", "degree": 1}}, "task 4: no 1-regular graph of 3 robots exists"),
         ({"learning": {"epsilon": 1.5}}, "learning.epsilon: .*less than or equal to 1, got 1.5"),
         ({"camera": {"width": "wide"}}, 'camera.width: .*valid integer.*, got "wide"'),
+        ({"meta": {"training_tasks": []}}, r"meta.training_tasks is empty and methods has maml: .*tasks \[1, 4\]"),
+        ({"meta": {"training_tasks": [1, 1]}}, r"meta.training_tasks: got \[1, 1\], expected each once"),
+        ({"meta": {"training_tasks": [1], "snapshots": [3, 3]}}, r"meta.snapshots: got \[3, 3\], expected each once"),
+        ({"meta": {"training_tasks": [1], "adapt_from": [3, 3]}}, r"meta.adapt_from: got \[3, 3\], expected each once"),
+        ({"energy": {"sl_bit_per_j": 1e-310}}, "energy.sl_bit_per_j: .*greater than or equal to 0.000001"),
+        ({"federation": {"target_reward": 5e-324}}, "federation.target_reward: 4.94066e-324 is subnormal"),
+        # pairs: each within its bounds
+        (
+            {"methods": ["fl", "anil"], "learning": {"motions_per_round": 1}},
+            "learning.motions_per_round is 1 and methods has anil: .*expected 2 or more",
+        ),
+        (
+            {"methods": ["centralized"], "world": {"rows": 2, "cols": 2, "max_motions": 1}},
+            "world.max_motions is 1 and methods has centralized: .*expected 2 or more",
+        ),
+        ({"learning": {"replay_size": 2}}, "learning.replay_size: .*greater than or equal to 3"),
+        ({"meta": {"training_tasks": [1], "support_newest": 2}}, "support_newest: .*greater than or equal to 3"),
+        (
+            {"methods": ["fl"], "federation": {"robots_per_cluster": 998}},
+            "robots_per_cluster 998 come to 1001 robots, expected 1000 at most",
+        ),
+        (
+            {
+                "methods": ["fl"],
+                "federation": {"topology": "random", "degree": 1, "robots_per_cluster": 4},
+                "tasks": [{"id": 1, "map": MAP}],
+            },
+            "federation.degree 1 joins robots in pairs only, and task 1 has 4",
+        ),
+        ({"network": {"width": 7}}, r"network.conv \[\[32, 8, 4\].*leaves nothing of .* 7 x 72"),
+        ({"network": {"width": 1024, "height": 1024}}, r"conv and dense come to \d+ parameters, expected 60000000"),
+        # 2 x 2 landmarks: 100 000 motions of at most |80| + nothing else larger: 8e6 is fine, of 1e6 it is 1e11
+        (
+            {"world": {"rows": 2, "cols": 2, "max_motions": 100_000, "exit_reward": 1e6}},
+            r"world.max_motions 100000 at rewards of up to 1e\+06 \(task 1\) add up to 1e\+11, expected 1e\+09",
+        ),
+        # 96 x 72 x 4 bytes x 10^7 = 257 GiB
+        ({"learning": {"replay_size": 10_000_000}}, "learning.replay_size x .* come to 257 GiB .*expected 64 GiB"),
+        ({"meta": {"training_tasks": [1], "replay_size": 10_000_000}}, "meta.replay_size x .* come to 257 GiB"),
+        (
+            {"learning": {"batches_per_round": 1000, "batch_size": 1000}},
+            "learning.batches_per_round x learning.batch_size x .* come to 257 GiB",
+        ),
+        (
+            {"world": {"rows": 2, "cols": 2, "cell_m": 0.05}},
+            "camera.pose_jitter_m 0.03 is more than half of world.cell_m 0.05",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], message: str) -> None:
@@ -113,6 +163,46 @@ def test_each_meta_learning_method_has_an_arm_for_every_model_that_is_adapted() 
 )
 def test_the_data_center_is_needed_by_methods_that_use_it(methods: list[str], needed: bool) -> None:
     assert scenario_from(two_tasks(methods=methods), "x").needs_datacenter is needed
+
+
+def numbers(model: type[BaseModel], where: str = "") -> list[str]:
+    """Every number of a scenario, as section.key."""
+    found = []
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            found += numbers(kind, f"{name}.")
+        elif re.search(r"\b(int|float)\b", str(kind)) and "tuple" not in str(kind) and "Literal[0, 1]" not in str(kind):
+            found.append(where + name)
+    return found
+
+
+@pytest.mark.parametrize("key", numbers(Scenario))
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e300, -1e300, 10**21, 5e-324])
+def test_every_number_is_finite_bounded_and_no_subnormal(key: str, value: float) -> None:
+    data = two_tasks()
+    *sections, last = key.split(".")
+    place = data
+    for section in sections:
+        place = place.setdefault(section, {})
+    place[last] = value
+    assert key in refused(data)
+
+
+def test_what_does_not_fit_together_without_it_may_be_there() -> None:
+    """FL sees the frame after each motion at once, and nothing is drawn in the data center."""
+    scenario = scenario_from(
+        two_tasks(methods=["fl"], learning={"motions_per_round": 1}, meta={"training_tasks": []}), "x"
+    )
+    assert scenario.learning.motions_per_round == 1
+
+
+def test_parameters_are_counted_as_the_network_has_them() -> None:
+    for name, parameters in (
+        ("paper", 1_391_268),
+        ("toy", 9_532),
+    ):  # toy: 8 (4x16+1) + 16 (8x9+1) + 32 (240+1) + 4 x 33
+        assert parameter_count(load_scenario(SCENARIOS / f"{name}.toml").network) == parameters
 
 
 def write(folder: Path, text: str) -> Path:

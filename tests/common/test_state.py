@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from common.errors import RunError
+from common.seals import Growing, Seal
 from common.state import State, StateFile, generator_state, load_generator, write_whole
 
 OWNER = "robot 1 of run r"
@@ -122,44 +123,113 @@ def test_another_owners_state_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert StateFile(path, OWNER).load() == State(values={"n": 1})
 
 
+class Killed(BaseException):
+    """In place of a kill -9."""
+
+
+def dies(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    """From here on a process is killed when it has written so much of a state's content."""
+
+    def write(file: Any, content: bytes) -> None:
+        file.write(content[: int(share * len(content))])
+        raise Killed
+
+    monkeypatch.setattr("common.state._write_all", write)
+
+
+@pytest.mark.parametrize("share", [0, 0.5, 1])
+@pytest.mark.parametrize("saved", range(5))
+def test_a_write_that_was_cut_short_leaves_the_state_before_it(
+    saved: int, share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = StateFile(tmp_path / "s", OWNER)
+    for round_ in range(1, saved + 1):
+        file.save(State({"x": np.arange(100 + round_)}, {"round": round_}))
+    with monkeypatch.context() as patch:
+        dies(patch, share)
+        with pytest.raises(Killed):
+            file.save(State({"x": np.arange(300)}, {"round": saved + 1}))
+    again = StateFile(tmp_path / "s", OWNER)
+    found = again.load()
+    if saved:
+        assert_same(found or State(), State({"x": np.arange(100 + saved)}, {"round": saved}))
+    else:
+        assert found is None
+    for round_ in (7, 8, 9):
+        again.save(State(values={"round": round_}))
+        assert StateFile(tmp_path / "s", OWNER).load() == State(values={"round": round_})
+
+
 DAMAGES = {
     "cut off": lambda whole: whole[:-1],
     "empty": lambda whole: b"",
+    "of zeros": lambda whole: bytes(len(whole)),
     "garbage": lambda whole: b"?" * 100,
     "a bit turned": lambda whole: whole[:-1] + bytes([whole[-1] ^ 1]),
+    "a bit of its number turned": lambda whole: whole[:8] + bytes([whole[8] ^ 2]) + whole[9:],
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_write_that_was_cut_short_leaves_the_state_before_it(damage: str, tmp_path: Path) -> None:
-    path = tmp_path / "s"
-    file = StateFile(path, OWNER)
-    for round_ in (1, 2, 3):  # into .0, .1 and .0 again
-        file.save(State({"x": np.arange(100 + round_)}, {"round": round_}))
-    newest = path.with_name("s.0")
-    newest.write_bytes(DAMAGES[damage](newest.read_bytes()))
-    again = StateFile(path, OWNER)
-    assert_same(again.load() or State(), State({"x": np.arange(102)}, {"round": 2}))
-    again.save(State(values={"round": 4}))
-    assert StateFile(path, OWNER).load() == State(values={"round": 4})
+@pytest.mark.parametrize("damage", [*DAMAGES, "gone"])
+@pytest.mark.parametrize("saved", [2, 3, 4])
+def test_a_newest_state_that_was_damaged_is_refused_and_not_the_one_before_taken(
+    saved: int, damage: str, tmp_path: Path
+) -> None:
+    file = StateFile(tmp_path / "s", OWNER)
+    for round_ in range(1, saved + 1):
+        file.save(State({"x": np.arange(100)}, {"round": round_}))
+    newest = tmp_path / f"s.{(saved + 1) % 2}"
+    if damage == "gone":
+        newest.unlink()
+    else:
+        newest.write_bytes(DAMAGES[damage](newest.read_bytes()))
+    with pytest.raises(RunError, match=f"^state {newest}: (gone|not as it was written)"):
+        StateFile(tmp_path / "s", OWNER).load()
 
 
-def test_a_first_write_that_was_cut_short_has_saved_nothing(tmp_path: Path) -> None:
+def test_an_older_state_that_was_damaged_is_not_needed(tmp_path: Path) -> None:
+    file = StateFile(tmp_path / "s", OWNER)
+    for round_ in (1, 2, 3):
+        file.save(State({"x": np.arange(100)}, {"round": round_}))
+    older = tmp_path / "s.1"
+    older.write_bytes(older.read_bytes()[:-1])
+    assert_same(StateFile(tmp_path / "s", OWNER).load() or State(), State({"x": np.arange(100)}, {"round": 3}))
+
+
+def test_a_first_write_that_was_cut_short_before_there_were_two_files_has_saved_nothing(tmp_path: Path) -> None:
+    (tmp_path / "s.1").touch()
+    assert StateFile(tmp_path / "s", OWNER).load() is None
     StateFile(tmp_path / "s", OWNER).save(State(values={"round": 1}))
-    file = tmp_path / "s.0"
-    file.write_bytes(file.read_bytes()[:-1])
+    (tmp_path / "s.0").write_bytes(b"")
     assert StateFile(tmp_path / "s", OWNER).load() is None
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_two_damaged_files_are_refused(damage: str, tmp_path: Path) -> None:
-    file = StateFile(tmp_path / "s", OWNER)
-    for round_ in (1, 2):
-        file.save(State({"x": np.arange(100)}, {"round": round_}))
-    for number in (0, 1):
-        path = tmp_path / f"s.{number}"
-        path.write_bytes(DAMAGES[damage](path.read_bytes()))
-    with pytest.raises(RunError, match="does not fit this scenario"):
+def test_a_first_state_that_was_damaged_is_refused(tmp_path: Path) -> None:
+    StateFile(tmp_path / "s", OWNER).save(State(values={"round": 1}))
+    file = tmp_path / "s.0"
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(RunError, match=f"state {file}: not as it was written"):
+        StateFile(tmp_path / "s", OWNER).load()
+
+
+def test_a_state_is_refused_if_a_file_that_it_relies_on_is_not_as_it_was(tmp_path: Path) -> None:
+    beside = tmp_path / "rows"
+    beside.write_bytes(b"one\ntwo\n")
+    growing = Growing(beside)
+    parts = {"a": State(values={}), "b": State(files={"rows": growing.seal()})}
+    StateFile(tmp_path / "s", OWNER).save(State.of(parts))
+    with beside.open("ab") as file:
+        file.write(b"three\n")  # after the state
+    found = StateFile(tmp_path / "s", OWNER).load()
+    assert found is not None
+    assert found.part("a").files["rows"].is_like(Seal.of(b"one\ntwo\n"))
+    assert growing.seal().is_like(Seal.of(b"one\ntwo\nthree\n"))
+    for content, why in ((b"one\ntwO\nthree\n", "altered"), (b"one\n", "cut short to 4 bytes")):
+        beside.write_bytes(content)
+        with pytest.raises(RunError, match=rf"^{beside}: not as it was written \({why}"):
+            StateFile(tmp_path / "s", OWNER).load()
+    beside.unlink()
+    with pytest.raises(RunError, match=rf"^{beside}: not as it was written \(No such file"):
         StateFile(tmp_path / "s", OWNER).load()
 
 

@@ -102,7 +102,7 @@ def test_a_central_learner_goes_on_bit_by_bit(
         ours.model(turn(round_))
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     theirs = CentralLearner(scenario, tmp_path / "b")
-    through_a_file(ours, theirs, tmp_path)
+    through_a_file(ours, theirs, tmp_path / "a")
     for round_ in (3, 4):
         assert theirs.model(turn(round_)) == ours.model(turn(round_))
 

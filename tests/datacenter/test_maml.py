@@ -166,3 +166,25 @@ def test_a_long_gradient_is_shortened_and_a_short_one_is_not() -> None:
     assert torch.allclose(shortened["a"], torch.tensor([0.6, 0.0]))
     assert torch.allclose(shortened["b"], torch.tensor([0.8]))
     assert torch.allclose(clipped(gradient, 6.0)["b"], torch.tensor([4.0]))
+
+
+@pytest.mark.parametrize("norm", [1.0, 1e-9])
+def test_a_gradient_of_exactly_zero_is_left_alone_and_has_a_slope(norm: float) -> None:
+    value = torch.zeros(3, requires_grad=True)
+    shortened = clipped({"w": 2 * value}, norm)["w"]
+    assert shortened.tolist() == [0.0, 0.0, 0.0]
+    (slope,) = torch.autograd.grad(shortened.sum(), value)
+    assert slope.tolist() == [2.0, 2.0, 2.0]
+
+
+def test_what_is_clipped_and_its_slope_are_as_the_formula_says() -> None:
+    # g = 2v of length 10, clipped to 1: v/5. Along v nothing moves; across it the slope is 2 / 10.
+    value = torch.tensor([3.0, 4.0], dtype=torch.float64, requires_grad=True)
+    shortened = clipped({"w": 2 * value}, 1.0)["w"]
+    along, across = (
+        torch.autograd.grad(shortened, value, torch.tensor(way, dtype=torch.float64), retain_graph=True)[0].tolist()
+        for way in ([0.6, 0.8], [-0.8, 0.6])
+    )
+    assert shortened.tolist() == pytest.approx([0.6, 0.8], rel=1e-6)
+    assert along == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert across == pytest.approx([-0.16, 0.12], rel=1e-6)

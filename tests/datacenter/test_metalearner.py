@@ -13,6 +13,7 @@ import torch
 from common.errors import RunError, TrainingError
 from common.meter import Meter
 from common.methods import META_METHODS, Method
+from common.runlog import RoundRow
 from common.scenario import Scenario
 from common.state import Array
 from datacenter.checkpoint import Checkpoint, owner_of
@@ -118,7 +119,8 @@ def test_the_adaptation_is_rehearsed_on_the_newest_motions_only(
 
 
 def test_a_gradient_that_is_not_finite_ends_training_and_says_so(make_scenario: Make, make_experience: Make) -> None:
-    scenario = make_scenario(meta={"inner_lr": 1e38})  # the adapted parameters overflow
+    scenario = make_scenario()  # no scenario file may say so: the adapted parameters overflow
+    scenario = scenario.model_copy(update={"meta": scenario.meta.model_copy(update={"inner_lr": 1e38})})
     with pytest.raises(TrainingError, match=r"meta-gradient of round 1 is not finite; lower meta\.inner_lr"):
         one_round(MetaLearner(scenario, "maml"), make_experience(scenario, 1), 1)
 
@@ -262,6 +264,45 @@ def test_a_round_cut_off_while_it_was_saved_is_simply_not_there(
     make_scenario: Make, make_experience: Make, tmp_path: Path
 ) -> None:
     trained(make_scenario(), make_experience, tmp_path, 1)
-    (tmp_path / "state.1").write_bytes(b"half a st")  # killed in the middle of writing round 2
+    assert (tmp_path / "state.1").stat().st_size < 100  # round 2 is begun, and not written
     checkpoint = checkpoint_of(make_scenario(), tmp_path)
     assert checkpoint.restore(MetaLearner(make_scenario(), "maml", tmp_path)) == 1
+
+
+@pytest.mark.parametrize("damage", ["altered", "gone"])
+def test_a_model_kept_to_go_down_is_found_as_it_was_or_refused(
+    damage: str, make_scenario: Make, make_experience: Make, tmp_path: Path
+) -> None:
+    learner, checkpoint = (
+        trained(make_scenario(), make_experience, tmp_path, 1),
+        checkpoint_of(make_scenario(), tmp_path),
+    )
+    checkpoint.keep_model(1, b"model")
+    checkpoint.save(2, learner.state())
+    again = checkpoint_of(make_scenario(), tmp_path)
+    again.restore(MetaLearner(make_scenario(), "maml", tmp_path))
+    assert again.models() == {1: b"model"}
+    model = tmp_path / "model-00001.safetensors"
+    if damage == "gone":
+        model.unlink()
+    else:
+        model.write_bytes(b"modeL")
+    with pytest.raises(RunError, match=rf"{model}: not as it was written"):
+        checkpoint_of(make_scenario(), tmp_path).load()
+
+
+def test_a_state_that_has_gone_is_missed_where_rows_tell_of_it(make_scenario: Make, tmp_path: Path) -> None:
+    checkpoint = checkpoint_of(make_scenario(), tmp_path / "maml")
+    row = RoundRow(phase="maml", arm="maml", task=1, agent=0, round=1, seconds=1)
+    (tmp_path / "rounds.jsonl").write_text(row.model_dump_json() + "\n")
+    assert checkpoint.load() is None  # killed before the first round was saved
+    (tmp_path / "rounds.jsonl").write_text(row.model_copy(update={"round": 2}).model_dump_json() + "\n")
+    with pytest.raises(RunError, match="the state is gone, though rows of it are there"):
+        checkpoint.load()
+
+
+def test_another_scenarios_mark_of_a_finished_stage_is_refused(make_scenario: Make, tmp_path: Path) -> None:
+    checkpoint_of(make_scenario(), tmp_path).finish()
+    assert checkpoint_of(make_scenario(), tmp_path).is_finished
+    with pytest.raises(RunError, match="finished: not as it was written, or another scenario's"):
+        assert checkpoint_of(make_scenario(seed=6), tmp_path).is_finished

@@ -1,5 +1,7 @@
 """The command line: what is said, and with which exit code."""
 
+import json
+import resource
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -60,6 +62,12 @@ REFUSED: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "run name with a /": (lambda _: [str(TOY), "--run-id", "a/b"], "run name 'a/b': expected letters"),
     "run name with a +": (lambda _: [str(TOY), "--run-id", "a+b"], "run name 'a+b': expected letters"),
     "run name with a #": (lambda _: [str(TOY), "--run-id", "#"], "run name '#': expected letters"),
+    "run name of 300 letters": (lambda _: [str(TOY), "--run-id", "x" * 300], "of 300 letters': expected"),
+    "run name with a lone surrogate": (lambda _: [str(TOY), "--run-id", "a\udcff"], r"run name 'a\udcff': expected"),
+    "override nested deeply": (lambda _: [str(TOY), "--set", "seed=" + "[" * 20_000], "nested too deeply"),
+    "override of many levels": (lambda _: [str(TOY), "--set", "a." * 40_000 + "a=1"], "a: Extra inputs"),
+    "a number of many digits": (lambda folder: [str(toy_with(folder, "seed = 1", "seed = " + "9" * 9_999))], "digits"),
+    "--out below a file": (lambda folder: [str(TOY), "--out", str(toy_with(folder, "seed", "seed") / "x")], "--out "),
     "run name that climbs": (lambda _: [str(TOY), "--run-id", ".."], "run name '..': expected letters"),
 }
 
@@ -72,7 +80,7 @@ def test_what_cannot_be_used_is_said_in_one_line_and_nothing_is_written(
     arguments, said = REFUSED[case]
     out = tmp_path / "out" / "runs"
     broker = ["--broker", "mqtt://127.0.0.1:1"] if command == "record" and "broker" not in case else []
-    code, _, err = jouleswarm(command, *arguments(tmp_path), *broker, "--out", str(out))
+    code, _, err = jouleswarm(command, "--out", str(out), *arguments(tmp_path), *broker)
     assert code == 2, err
     (line,) = err.splitlines()
     assert line.startswith(f"jouleswarm {command}: ")
@@ -125,7 +133,42 @@ def test_what_is_no_run_is_not_gone_on_with(jouleswarm: Call, tmp_path: Path) ->
     code, _, err = jouleswarm("run", "--resume", str(tmp_path))
     assert code == 2
     (line,) = err.splitlines()
-    assert "manifest.json: cannot be read" in line
+    assert "has no manifest.json; name one that `jouleswarm run` printed" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "told"),
+    [
+        ({"schema": 3}, 5, "run directory of schema 3, this version reads 2"),
+        ({"versions": {"jouleswarm": "0.9.0"}}, 2, "written by version 0.9.0 of JouleSwarm, this is 0.1.0; go on with"),
+        ({"run": None}, 5, "damaged, it has no 'run'"),
+        ({"run": [1]}, 5, "damaged, it has no 'run'"),
+    ],
+)
+def test_a_run_of_another_version_is_not_gone_on_with(
+    change: dict[str, Any], code: int, told: str, jouleswarm: Call, write_run: Callable[..., Path]
+) -> None:
+    path = write_run()
+    (path / "state").mkdir()
+    manifest = json.loads((path / "manifest.json").read_text()) | change
+    (path / "manifest.json").write_text(json.dumps(manifest))
+    before = {each: each.read_bytes() for each in path.rglob("*") if each.is_file()}
+    found, _, err = jouleswarm("run", "--resume", str(path))
+    (line,) = err.splitlines()
+    assert (found, told in line) == (code, True), line
+    assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
+
+
+def test_a_run_for_which_there_are_too_few_files_is_refused(
+    jouleswarm: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (16, 16))
+    code, _, err = jouleswarm("run", str(TOY), "--out", str(tmp_path / "out"))
+    assert code == 2
+    # 16 of its own, 4 robots, the data center, the recorder.
+    assert "open files: a process may have 16, expected 22 or more" in err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_report_of_what_is_not_there_is_refused(jouleswarm: Call, tmp_path: Path) -> None:

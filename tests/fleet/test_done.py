@@ -19,7 +19,6 @@ from common.runlog import RunDirectory
 from common.scenario import Scenario, load_scenario
 from common.state import Keep
 from datacenter.server import run_datacenter
-from fleet import recorder as module
 from fleet.recorder import Recorder
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each
@@ -144,11 +143,6 @@ class Deployment:
         late = self.hub.connect("late")
         late.subscribe("#")
         return [message.topic for message in iter(functools.partial(late.receive, 0.001), None)]
-
-
-@pytest.fixture(autouse=True)
-def _no_broker_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_SNAPSHOT_WAIT_S", 0.01)
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,11 @@
 """Processes are started, watched, and none is left behind."""
 
 import contextlib
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -13,7 +16,9 @@ from common import topics
 from common.counters import read_counters
 from common.errors import RunError
 from common.mqtt import MqttBus
-from fleet.launcher import Launcher, signal_of
+from fleet import launcher as launching
+from fleet.endings import signal_of
+from fleet.launcher import Launcher
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -143,9 +148,7 @@ def test_a_robot_or_broker_that_is_told_to_end_from_outside_is_started_again(tmp
             check_until_another_runs(launcher, name, before)
         assert told == [f"{name} was ended by SIGTERM; starting it again" for name in ("agent-1", "broker")]
         os.kill(launcher.pids["broker"], signal.SIGTERM)
-        with pytest.raises(
-            RunError, match=r"broker ended with code 0, by SIGTERM from outside, and was started again 1"
-        ):
+        with pytest.raises(RunError, match=r"broker ended with code 0 \(SIGTERM\), after it was started again 1"):
             check_until_something_ended(launcher)
 
 
@@ -158,7 +161,7 @@ def test_a_robot_or_broker_that_is_told_to_end_from_outside_is_started_again(tmp
     ],
 )  # fmt: skip
 def test_which_ends_are_by_a_signal(name: str, code: int, number: signal.Signals | None) -> None:
-    assert signal_of(name, code) == number
+    assert signal_of(code, is_broker=name == "broker") == number
 
 
 def test_processes_are_ended_when_the_launcher_is_left_by_an_error(tmp_path: Path) -> None:
@@ -173,3 +176,66 @@ def test_processes_are_ended_when_the_launcher_is_left_by_an_error(tmp_path: Pat
         raise ZeroDivisionError
     assert set(pids) == {"agent-1", "datacenter", "broker"}
     assert all(ended(pid) for pid in pids.values())
+
+
+WAITING = ["--id", "1", "--scenario", TOY, "--broker", "mqtt://127.0.0.1:1", "--set", "bus.connect_timeout_s=600"]
+
+
+def server_of(launcher: Launcher) -> int:
+    assert launcher._server is not None
+    return launcher._server._process.pid
+
+
+def test_a_fork_server_that_was_killed_is_started_again_with_its_processes(tmp_path: Path) -> None:
+    told: list[str] = []
+    with Launcher(tmp_path / "logs", restarts=1, told=told.append) as launcher:
+        launcher.start("agent-1", "agents", WAITING)
+        before = launcher.pids["agent-1"]
+        os.kill(server_of(launcher), signal.SIGKILL)
+        check_until_another_runs(launcher, "agent-1", before)
+        assert ended(before)
+        os.kill(server_of(launcher), signal.SIGKILL)
+        with pytest.raises(RunError, match=r"the fork server ended with code -9 \(SIGKILL\): sent from outside, or"):
+            check_until_something_ended(launcher)
+    assert told[0].startswith("the fork server ended with code -9 (SIGKILL)")
+    assert told[1:] == ["agent-1 was ended by SIGKILL; starting it again"]
+
+
+def test_a_process_that_ends_at_once_is_not_missed(tmp_path: Path) -> None:
+    with Launcher(tmp_path / "logs") as launcher:
+        launcher.start("agent-1", "agents", ["--help"])
+        child = launcher._children["agent-1"]
+        child.join(DEADLINE_S)
+        assert child.exitcode == 0
+
+
+def test_a_broker_that_never_listens_is_not_waited_for_without_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launching, "command_of", lambda _: [sys.executable, "-c", "input()"])
+    monkeypatch.setattr(launching, "_BROKER_START_S", 0.05)
+    with Launcher(tmp_path / "logs") as launcher, pytest.raises(RunError, match=r"did not listen within 0\.05 s; see "):
+        launcher.start_broker()
+
+
+LAUNCHES = """
+import json, sys
+from pathlib import Path
+from fleet.launcher import Launcher
+
+with Launcher(Path(sys.argv[1])) as launcher:
+    launcher.start_broker(["--no-metrics"])
+    launcher.start("agent-1", "agents", json.loads(sys.argv[2]))
+    print(json.dumps([*launcher.pids.values(), launcher._server._process.pid]), flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_nothing_outlives_a_launcher_that_was_killed(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LAUNCHES, str(tmp_path / "logs"), json.dumps(WAITING)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as launcher:
+        assert launcher.stdout is not None
+        pids = json.loads(launcher.stdout.readline())
+        launcher.kill()
+    assert len(pids) == 3
+    assert all(ended(pid) for pid in pids)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import socket
 from collections.abc import Iterator
 
 import pytest
 
+from common.errors import RunError
 from fleet.proxy import Proxy, Slowness
 
 DEADLINE_S = 20.0
@@ -132,3 +135,12 @@ def test_without_a_broker_a_connection_ends_at_once() -> None:
         socket.create_connection(("127.0.0.1", int(proxy.url.rpartition(":")[2])), DEADLINE_S) as client,
     ):
         assert until_cut(client) == b""
+
+
+def test_a_proxy_that_cannot_listen_is_an_error_and_no_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def refuse(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(asyncio, "start_server", refuse)
+    with pytest.raises(RunError, match=r"the proxy before the broker cannot listen: .*Too many open files"):
+        Proxy("mqtt://127.0.0.1:1").__enter__()

@@ -15,7 +15,7 @@ from common.errors import RunError
 from common.meter import Meter
 from common.payloads import Acknowledgement, ModelHeader, Presence, Wait, decode_json, encode_json, encode_model
 from common.reports import MeterReport, Telemetry
-from common.runlog import RoundRow, RunDirectory
+from common.runlog import MANIFEST, RoundRow, RunDirectory
 from common.scenario import Scenario, scenario_from
 from fleet.recorder import Recorder
 
@@ -121,6 +121,33 @@ def test_rows_are_written_as_they_come_and_the_newest_is_known(table: Table) -> 
     assert [(row["agent"], row["round"]) for row in table.lines("rounds.jsonl")] == [(2, 1), (1, 1), (2, 2), (1, 2)]
     assert table.recorder.newest["maml", 1, 2].round == 2
     assert [row.agent for row in table.recorder.rows] == [2, 1, 2, 1]
+
+
+def test_rows_lost_while_the_run_goes_on_come_back_with_the_reports(table: Table) -> None:
+    for round_ in (1, 2, 3):
+        for agent in (1, 2):
+            table.row(agent, round_)
+    table.pump()
+    (table.path / "rounds.jsonl").unlink()
+    table.row(1, 4)
+    for agent, rounds in ((1, 4), (2, 3)):
+        table.report(f"agent-{agent}", rounds=[made(agent, round_) for round_ in range(1, rounds + 1)])
+    table.pump()
+    table.recorder.close("complete")
+    told = [(row["agent"], row["round"]) for row in table.lines("rounds.jsonl")]
+    assert told == [(1, 1), (1, 2), (1, 3), (1, 4), (2, 1), (2, 2), (2, 3)]
+    assert table.json("summary.json")["status"] == "complete"
+
+
+def test_a_run_whose_rows_are_lost_for_good_is_not_complete(table: Table) -> None:
+    for agent in (1, 2):
+        table.report(f"agent-{agent}", rounds=[made(agent, 1), made(agent, 2)])
+    table.pump()
+    file = table.path / "rounds.jsonl"
+    file.write_bytes(b"".join(file.read_bytes().splitlines(keepends=True)[:3]))
+    with pytest.raises(RunError, match=r"rounds\.jsonl: 2 rows were lost, robot 2 in maml; the run is not complete"):
+        table.recorder.close("complete")
+    assert table.json("summary.json")["status"] == "failed"
 
 
 def test_a_row_that_is_told_twice_is_written_once(table: Table) -> None:
@@ -466,3 +493,17 @@ def test_a_run_cut_short_is_summed_up_as_far_as_it_got(table: Table, status: Any
     ]
     # 40 gradients x 5.1 W x 0.4 s
     assert summary["arms"]["maml"]["energy_j"]["literal"]["fl_learning"] == pytest.approx(81.6)
+
+
+def test_the_manifest_says_what_each_process_computes_on_and_another_one_is_told(
+    table: Table, caplog: pytest.LogCaptureFixture
+) -> None:
+    (table.path / MANIFEST).write_text(json.dumps({"run": RUN}))
+    for agent, processor in ((1, "one"), (2, "one"), (1, "one"), (2, "other"), (0, "other")):
+        presence = Presence(agent=agent, processor=processor)
+        table.others.publish(topics.presence(RUN, 1 if agent else 0, agent), encode_json(presence), retain=True)
+        table.pump()
+    expected = {"agent-1": ["one"], "agent-2": ["one", "other"], "datacenter": ["other"]}
+    assert table.json(MANIFEST) == {"run": RUN, "host": {"computed_on": expected}}
+    told = "agent-2 computes on other, others on one: weights may be others than on one alone"
+    assert [record.getMessage() for record in caplog.records] == [told]

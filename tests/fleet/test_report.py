@@ -115,7 +115,9 @@ def test_a_directory_that_is_not_a_run(tmp_path) -> None:
         (MANIFEST, "{}", "run directory of schema None"),
         (MANIFEST, '{"schema": 2, "run": "x"}', "no 'scenario'"),
         (MANIFEST, '{"schema": 2, "run": "x", "scenario": {}}', "damaged"),
+        (MANIFEST, '{"schema": ' + "[" * 20_000 + "]" * 20_000 + "}", "nested too deeply"),
         (SUMMARY, "{", "cannot be read"),
+        (SUMMARY, "{}", "damaged, its status is None, expected complete, interrupted, failed"),
         (ROUNDS, '{"phase": "fl"}\n{}\n', "line 1: damaged"),
         (METER, '{"side": "bro', "line 1: damaged"),
         (PROGRESS, "{}\n", "line 1: damaged"),
@@ -126,6 +128,34 @@ def test_a_damaged_file_is_named(complete, name: str, content: str, says: str) -
     with pytest.raises(RunError, match=re.escape(says)) as caught:
         load_run(complete)
     assert name in str(caught.value)
+
+
+def test_a_row_that_stands_twice_is_refused_and_not_billed_twice(complete) -> None:
+    lines = (complete / ROUNDS).read_text().splitlines(keepends=True)
+    (complete / ROUNDS).write_text("".join([*lines, lines[2]]))
+    with pytest.raises(RunError, match=rf"rounds\.jsonl, line {len(lines) + 1}: round .* stands in line 3 already"):
+        load_run(complete)
+
+
+def test_rows_of_a_later_version_are_not_called_damaged(complete) -> None:
+    manifest = json.loads((complete / MANIFEST).read_text())
+    manifest["versions"]["jouleswarm"] = "0.9.0"
+    (complete / MANIFEST).write_text(json.dumps(manifest))
+    load_run(complete)  # what it can read, it reads
+    rows = [json.loads(line) | {"loss": 0.1} for line in (complete / ROUNDS).read_text().splitlines()]
+    (complete / ROUNDS).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    with pytest.raises(RunError) as error:
+        load_run(complete)
+    assert str(error.value) == (
+        f"{complete}: written by version 0.9.0 of JouleSwarm, this is 0.1.0, which cannot read it; report it with the "
+        "version that wrote it"
+    )
+
+
+def test_figures_that_cannot_be_written_are_told_with_the_folder(complete) -> None:
+    (complete / "figures").touch()
+    with pytest.raises(RunError, match=r"run directory .*: File exists \(.*/figures\)"):
+        report(complete, figures=True, console=Console(quiet=True))
 
 
 def test_a_finished_run_must_have_its_rounds(complete) -> None:
@@ -188,12 +218,12 @@ def test_every_price_can_be_changed() -> None:
 @pytest.mark.parametrize(
     ("option", "value", "says"),
     [
-        ("ul", 0.0, "--ul 0: expected a number above 0, in kb/J"),
+        ("ul", 0.0, "--ul 0: expected a number from 1e-09 to 1e+12, in kb/J"),
         ("sl", -5.0, "--sl -5: expected"),
         ("dl", float("nan"), "--dl nan: expected"),
         ("pue", 0.9, "--pue 0.9: expected a number of 1 or more"),
         ("beta", float("inf"), "--beta inf: expected"),
-        ("carbon_robots", -1.0, "--carbon-robots -1: expected a number of 0 or more, in gCO2e a kWh"),
+        ("carbon_robots", -1.0, "--carbon-robots -1: expected a number of 0 or more, up to 1e+06, in gCO2e a kWh"),
     ],
 )
 def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:

@@ -1,52 +1,144 @@
-"""What a run must still have to be gone on with."""
+"""Going on with a run: nobody else is at work on it, and all is as it was written, before anything starts."""
 
 from __future__ import annotations
 
-import json
+import io
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
-from common.errors import ConfigurationError
-from common.runlog import RoundRow
-from fleet.resume import check_states
+from common.counters import Counters
+from common.errors import ConfigurationError, RunError
+from common.lock import Lock
+from common.runlog import RoundRow, RunDirectory
+from common.scenario import Scenario, scenario_from
+from common.state import State, StateFile
+from fleet import run as module
+from fleet.run import manifest, resume_deployment, run_deployment
 
-PROCESSES = ("agent-1", "agent-2", "agent-3", "datacenter", "broker")
+
+@pytest.fixture(autouse=True)
+def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Instead of a deployment: the runs that would have been started."""
+    runs: list[str] = []
+    monkeypatch.setattr(module, "_deploy", lambda scenario, run, *_: runs.append(run))
+    return runs
+
+
+def made_up() -> Scenario:
+    world = {"rows": 3, "cols": 2}
+    tasks = [{"id": 1, "map": "E . \n * . \n X ."}]
+    return scenario_from({"name": "t", "methods": ["fl"], "world": world, "tasks": tasks}, "test")
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    """Robots 1 and 2 and the data center have told rounds; robot 3, of another cluster, has not."""
-    for name in PROCESSES:
-        (tmp_path / "state" / name).mkdir(parents=True)
-        (tmp_path / "state" / name / "counters.keys").touch()
-    rows = [RoundRow(phase="fl", arm="maml", task=1, agent=agent, round=1, seconds=0.5) for agent in (2, 1, 0)]
-    torn = b'{"phase": "fl", "agent": 3'
-    (tmp_path / "rounds.jsonl").write_bytes("".join(row.model_dump_json() + "\n" for row in rows).encode() + torn)
-    (tmp_path / "manifest.json").write_text(json.dumps({"broker": {"embedded": True}}))
-    return tmp_path
+def interrupted(tmp_path: Path) -> Path:
+    """A run of two robots that was killed after a round."""
+    scenario = made_up()
+    path = tmp_path / "run"
+    directory = RunDirectory(path, state=path / "state" / "recorder")
+    directory.manifest(manifest(scenario, "r", "mqtt://localhost:1883", embedded=True))
+    directory.weights("fl-task1", b"model")
+    for name in ("agent-1", "agent-2", "broker"):
+        counters = Counters(path / "state" / name)
+        counters.cell((name, "jouleswarm/r/fl/sl/1/1/weights", "out")).add(10, 20)
+        if name != "broker":
+            StateFile(path / "state" / name / "state", name).save(State(values={"round": 1}))
+    for agent in (1, 2):
+        directory.round(RoundRow(phase="fl", arm="fl", task=1, agent=agent, round=1, seconds=0.1))
+    return path
 
 
-@pytest.mark.parametrize("name", [name for name in PROCESSES if name != "agent-3"])
-@pytest.mark.parametrize("how", ["gone", "emptied"])
-def test_a_state_that_must_be_there_and_is_not_is_named(name: str, how: str, run: Path) -> None:
-    check_states(run)
-    (run / "state" / name / "counters.keys").unlink()
-    if how == "gone":
-        (run / "state" / name).rmdir()
-    with pytest.raises(ConfigurationError, match=f"state/{name} is missing or empty"):
-        check_states(run)
+def resume(path: Path) -> str:
+    console = Console(file=io.StringIO(), width=1000)
+    resume_deployment(path, console)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
 
 
-def test_who_has_told_nothing_may_begin_anew_and_an_external_broker_keeps_its_own_state(run: Path) -> None:
-    (run / "state" / "agent-3" / "counters.keys").unlink()
-    (run / "state" / "broker" / "counters.keys").unlink()
-    (run / "manifest.json").write_text(json.dumps({"broker": {"embedded": False}}))
-    check_states(run)
+def test_a_run_that_is_as_it_was_is_gone_on_with_and_let_go_of(interrupted: Path, started: list[str]) -> None:
+    resume(interrupted)
+    assert started == ["r"]
+    assert not (interrupted / ".lock").exists()
 
 
-def test_before_the_first_round_nothing_must_be_there(run: Path) -> None:
-    (run / "rounds.jsonl").unlink()
-    for name in PROCESSES:
-        (run / "state" / name / "counters.keys").unlink()
-    check_states(run)
+def test_a_run_that_somebody_is_at_work_on_is_refused_with_their_name(interrupted: Path, started: list[str]) -> None:
+    with Lock(interrupted, "jouleswarm run"), pytest.raises(ConfigurationError, match="is held by jouleswarm run, pro"):
+        resume(interrupted)
+    assert started == []
+
+
+def test_children_who_outlive_their_launcher_for_long_are_named(
+    interrupted: Path, started: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_WAIT_FOR_CHILDREN_S", 0.2)
+    folder = interrupted / "state" / "agent-2"
+    with Lock(folder, "robot 2"), pytest.raises(ConfigurationError, match=f"{folder} is held by robot 2, process"):
+        resume(interrupted)
+    assert started == []
+
+
+def test_a_new_run_takes_no_directory_that_is_held(tmp_path: Path, interrupted: Path, started: list[str]) -> None:
+    scenario = made_up()
+    with Lock(tmp_path / "new", "jouleswarm run"), pytest.raises(ConfigurationError, match="is held by"):
+        run_deployment(scenario, "new", tmp_path, Console(file=io.StringIO()))
+    run_deployment(scenario, "new", tmp_path, Console(file=io.StringIO()))
+    assert started == ["new"]
+
+
+def altered(name: str) -> Callable[[Path], Path]:
+    def alter(path: Path) -> Path:
+        content = (path / name).read_bytes()
+        (path / name).write_bytes(content[:40] + bytes([content[40] ^ 1]) + content[41:] if len(content) > 40 else b"?")
+        return path / name
+
+    return alter
+
+
+def gone(name: str) -> Callable[[Path], Path]:
+    def remove(path: Path) -> Path:
+        (path / name).unlink()
+        return path / name
+
+    return remove
+
+
+DAMAGES = [
+    altered("manifest.json"),
+    altered("weights/fl-task1.safetensors"),
+    gone("weights/fl-task1.safetensors"),
+    altered("state/agent-1/state.0"),
+    gone("state/agent-2/state.1"),
+    altered("state/agent-1/counters-0.bin"),
+    altered("state/broker/counters-0.bin"),
+    gone("state/broker/counters-0.bin"),
+]
+
+
+@pytest.mark.parametrize("number", range(len(DAMAGES)))
+def test_what_is_not_as_it_was_written_is_refused_by_name_before_anything_starts(
+    number: int, interrupted: Path, started: list[str]
+) -> None:
+    file = DAMAGES[number](interrupted)
+    with pytest.raises(RunError, match=f"{file}: (not as it was written|gone|damaged)"):
+        resume(interrupted)
+    assert started == []
+    assert not (interrupted / ".lock").exists()
+
+
+@pytest.mark.parametrize("name", ["agent-2", "broker"])
+def test_somebody_who_has_lost_all_that_they_had_is_named(name: str, interrupted: Path, started: list[str]) -> None:
+    for file in (interrupted / "state" / name).iterdir():
+        file.unlink()
+    with pytest.raises(ConfigurationError, match=rf"state/{name}/\S+ is missing or empty"):
+        resume(interrupted)
+    assert started == []
+
+
+def test_a_run_that_is_complete_is_told_so(interrupted: Path, started: list[str]) -> None:
+    (interrupted / "state").rename(interrupted / "elsewhere")
+    with pytest.raises(ConfigurationError, match=r"has no state/: it is complete, or was only recorded"):
+        resume(interrupted)
+    assert started == []

@@ -70,6 +70,13 @@ def who(access: str, topic: str) -> set[str]:
         (topics.recorder(RUN), {"recorder"}, {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter"}),
         (topics.acknowledgement(RUN, "agent-1"), set(), {"agent-1"}),
         (topics.acknowledgement(RUN, "+"), {"recorder"}, set()),
+        (topics.probe(RUN), {"recorder"}, {"recorder"}),
+        (topics.scenario(RUN, "recorder"), {"recorder"}, {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter"}),
+        (
+            topics.scenario(RUN, "all"),
+            {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter", "recorder"},
+            {"agent-1", "agent-2", "agent-3", "agent-4", "datacenter"},
+        ),
         (topics.acknowledgement(RUN, "recorder"), set(), {"recorder"}),
         (topics.BROKER_METER, set(), {"recorder"}),
         (topics.broker_answer("+"), set(), {"recorder"}),

@@ -18,9 +18,12 @@ from typing import Any
 
 import psutil
 import pytest
+import safetensors.numpy
 
 from common.methods import METHODS
 from common.mqtt import MqttBus
+from common.payloads import ModelHeader, encode_model
+from common.savedmodel import check_model
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -34,6 +37,12 @@ SMALL = (
 
 def sets(*overrides: str) -> list[str]:
     return [part for each in overrides for part in ("--set", each)]
+
+
+def on_the_wire(saved: bytes, robots: int = 2) -> bytes:
+    """A model of the run directory as it went to neighbours."""
+    fields = check_model(saved).model_dump(include=set(ModelHeader.model_fields) - {"schema_"})
+    return encode_model(safetensors.numpy.load(saved), ModelHeader.model_validate(fields), robots)
 
 
 def free_port() -> int:

@@ -12,6 +12,7 @@ from common import topics
 from common.bus import Message
 from common.mqtt import MqttBus
 from common.payloads import Presence, RoundRequest, decode_json
+from tests.integration.conftest import on_the_wire
 
 TOY = str(Path(__file__).parents[2] / "scenarios" / "toy.toml")
 NAME = "by-hand"
@@ -67,7 +68,8 @@ def test_a_robot_that_comes_after_the_meta_model_went_by_gets_it_and_garbage_on_
     recorder = hand.recorder()
     center = hand.data_center()
     heard(ears, come_as_far_as(1, 2, 3))  # robot 3 has the meta-model and waits for its neighbour, robot 4
-    ears.publish(topics.weights(NAME, "maml", 2, 4), small_run.weights["maml-task2.safetensors"][:-4] + b"\0\0\xc0\x7f")
+    model = on_the_wire(small_run.weights["maml-task2.safetensors"])
+    ears.publish(topics.weights(NAME, "maml", 2, 4), model[:-4] + b"\0\0\xc0\x7f")
     ears.flush()
     robots.append(hand.robot(4))
 

@@ -103,8 +103,7 @@ class Killer:
 
 def deploy(out: Path, killer: Killer, *overrides: str) -> Path:
     scenario = load_scenario(TOY, overrides)
-    options = ["--scenario", TOY, *sets(overrides)]
-    return run_deployment(scenario, options, "r", out, Console(quiet=True), Options(restarts=5, intruder=killer))
+    return run_deployment(scenario, "r", out, Console(quiet=True), Options(restarts=5, intruder=killer))
 
 
 def counts(run: Any, side: str, direction: str) -> dict[tuple[str, str], int]:

@@ -6,6 +6,7 @@ import pytest
 
 from benchmarks.in_memory import run_in_memory
 from common.scenario import scenario_from
+from tests.integration.conftest import on_the_wire
 
 Count = tuple[int, int, int]
 ROUNDS = 3  # of the small run, see conftest.py
@@ -79,7 +80,7 @@ def test_qos_costs_two_bytes_a_message_each_way_and_changes_nothing_else(small_r
 
 
 def test_sidelink_bytes_are_rounds_x_links_x_payload(small_run: Any) -> None:
-    payload = len(small_run.weights["maml-task1.safetensors"])  # kept as it came from the bus
+    payload = len(on_the_wire(small_run.weights["maml-task1.safetensors"]))
     topic = len("jouleswarm/small/maml/sl/1/1/weights")
     packet = 1 + 3 + 2 + topic + 2 + payload  # 16 384 <= remaining length < 2 097 152: three bytes
     assert 16_384 < payload < 2_000_000

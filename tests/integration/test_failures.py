@@ -1,7 +1,9 @@
 """What goes wrong while a run is under way: interrupts, deaths, brokers that are not there."""
 
 import contextlib
+import json
 import os
+import re
 import signal
 import socket
 import time
@@ -11,6 +13,8 @@ from typing import Any
 
 import psutil
 import pytest
+
+from tests.integration.conftest import SMALL, wait_until
 
 TOY = str(Path(__file__).parents[2] / "scenarios" / "toy.toml")
 LONG = ("federation.target_reward=1000", "federation.max_rounds=2000")
@@ -119,14 +123,14 @@ def test_a_broker_that_dies_and_may_not_be_started_again_ends_the_run_and_says_s
 
 
 def test_a_robot_that_ends_with_an_error_shows_it(start: Any, tmp_path: Path) -> None:
-    # The loss overflows in the first gradient steps.
+    # Weights or the loss overflow in the first gradient steps, whichever is noticed first.
     run = start.jouleswarm(
         "run", TOY, "--out", str(tmp_path), "--run-id", "r",
-        *sets(("methods=['fl']", "learning.optimizer=sgd", "learning.lr=1e38", "learning.grad_clip=1e38")),
+        *sets(("methods=['fl']", "learning.optimizer=sgd", "learning.lr=1000", "learning.grad_clip=1e9")),
     )  # fmt: skip
     assert run.ends() == 5
     assert "ended with code 4" in run.printed
-    assert "loss is not finite" in run.printed
+    assert re.search("loss is not finite|has a weight of size", run.printed)
 
 
 @pytest.fixture
@@ -203,3 +207,16 @@ def test_a_data_center_without_an_arm_to_serve_says_so(start: Any) -> None:
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert "need no data center" in line
+
+
+def test_a_scenario_file_that_is_edited_or_gone_changes_nothing_in_a_run(start: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(Path(TOY).read_text())
+    options = ["--out", str(tmp_path), "--run-id", "r", "--no-figures", "--seed", "2"]
+    more = sets((*SMALL, "methods=['fl']"))
+    # --set and --seed take the place of the environment: for the processes of the run too.
+    run = start.jouleswarm("run", str(file), *options, *more, JOULESWARM_SET="seed=3", JOULESWARM_TASK="2")
+    wait_until((tmp_path / "r" / "manifest.json").exists, "the manifest")
+    file.write_text("seed = 9")
+    assert run.ends() == 0, run.printed
+    assert json.loads((tmp_path / "r" / "manifest.json").read_text())["scenario"]["seed"] == 2

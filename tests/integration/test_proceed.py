@@ -17,7 +17,7 @@ from common.scenario import load_scenario
 from fleet.launcher import Launcher
 from fleet.recorder import Recorder
 from fleet.run import Options, run_deployment
-from tests.integration.conftest import DEADLINE_S, ROOT, TOY, sets
+from tests.integration.conftest import DEADLINE_S, ROOT, TOY
 
 # Long enough for a fast machine not to be through with it before the recorder has seen what a signal waits for.
 ROUNDS = 300
@@ -57,9 +57,8 @@ class Hand:
 
 
 def deploy(out: Path, hand: Hand) -> Path:
-    options = ["--scenario", str(TOY), *sets(*PROCEED)]
     intrusion = Options(restarts=0, intruder=hand)
-    path = run_deployment(load_scenario(TOY, PROCEED), options, "r", out, Console(quiet=True), intrusion)
+    path = run_deployment(load_scenario(TOY, PROCEED), "r", out, Console(quiet=True), intrusion)
     assert hand.left == []
     return path
 

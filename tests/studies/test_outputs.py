@@ -16,7 +16,7 @@ from studies.catalogue import KINDS, kind_of
 from studies.codecs import codecs_figure
 from studies.engine import FACTS
 from studies.estimates import Estimate
-from studies.facts import Fact, read_facts, write_facts
+from studies.facts import Fact, processors_note, read_facts, write_facts
 from studies.kinds import write_csv_tables, write_outputs
 from studies.names import STUDIES
 from studies.paper_energy import EnergyRow, optimum
@@ -237,6 +237,22 @@ def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
     assert read_facts(tmp_path / FACTS) == facts
 
 
+def test_facts_from_before_the_processor_was_noted_are_read(tmp_path: Path) -> None:
+    fact = task_fact(Arm("fl", "fl", 0), 1, 9)
+    write_facts(tmp_path / FACTS, [fact.model_copy(update={"processor": "one"})])
+    before = [line.rsplit(",", 1)[0] for line in (tmp_path / FACTS).read_text().splitlines()]
+    (tmp_path / FACTS).write_text("\n".join(before) + "\n")
+    assert read_facts(tmp_path / FACTS) == [fact]
+
+
+def test_facts_of_several_processors_are_told() -> None:
+    facts = [task_fact(Arm("fl", "fl", 0), 1, 9, processor=processor) for processor in ("one", "other", "one", "")]
+    assert processors_note(facts[::2]) is None
+    note = processors_note(facts)
+    assert note is not None
+    assert note.startswith("facts were computed on 3 kinds of processor (not noted; one; other)")
+
+
 def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
     path = tmp_path / FACTS
     write_facts(path, [task_fact(Arm("fl", "fl", 0), 1, 9)])
@@ -245,7 +261,7 @@ def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"line 2: rounds: .*got 'nine'"):
         read_facts(path)
     path.write_text(text + "1,2\n")
-    with pytest.raises(StudyError, match="line 3: 2 cells, expected 22"):
+    with pytest.raises(StudyError, match="line 3: 2 cells, expected 23"):
         read_facts(path)
     path.write_text("a,b\n")
     with pytest.raises(StudyError, match="got a,b, expected the columns variant,seed"):

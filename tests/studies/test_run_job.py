@@ -41,5 +41,6 @@ def test_the_process_that_leads_a_deployment_ends_it_when_its_stdin_is_closed(tm
     os.close(writing)
     done = subprocess.run(command, cwd=ROOT, stdin=reading, capture_output=True, text=True, timeout=60)
     os.close(reading)
-    assert (done.returncode, done.stderr.splitlines()[-1]) == (130, "stopped")
+    assert done.returncode == 130
+    assert done.stderr.splitlines()[-1].startswith("stopped: ")
     assert not (tmp_path / "facts.csv").exists()

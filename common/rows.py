@@ -1,0 +1,44 @@
+"""A row of the run log."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+
+class RoundRow(BaseModel):
+    """One robot's round (or, agent 0, one training task of the data center's MAML round)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    phase: Literal["maml", "fl"]
+    """maml: the meta-learning stage in the data center, by whatever method. fl: everything else."""
+    arm: str
+    task: int
+    agent: int
+    round: int
+    reward: float | None = None
+    """Discounted return of the robot's greedy episode from the entry."""
+    cluster_reward: float | None = None
+    """R, which decides whether the task is learned: see agents/neighbourhood.py."""
+    rmse_m: float | None = None
+    gradients: int = 0
+    """Batch gradients really computed; of the data center support + query."""
+    gradients_support: int | None = None
+    gradients_query: int | None = None
+    beta: float | None = None
+    """Cost of an exact meta-gradient over a first-order one, where the data center measured it."""
+    experience_bytes: int | None = None
+    """Payload bytes of raw observations that the data center's round was learned from."""
+    learned: bool | None = None
+    """On a robot's last row of an arm: whether R reached the target."""
+    missed: tuple[int, ...] = ()
+    """Neighbours without whom the robot went on (federation.on_missing = "proceed")."""
+    refused: int = 0
+    """Payloads refused so far."""
+    seconds: float
+
+    def sort_key(self) -> tuple[str, str, int, int, int]:
+        """Order of the finished file, whatever the order of arrival."""
+        return self.arm, {"maml": "0"}.get(self.phase, "1"), self.task, self.agent, self.round
