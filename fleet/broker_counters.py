@@ -28,6 +28,7 @@ CLIENTS = "the clients' own counters, for {why}"
 NOT_OURS = "the broker is not JouleSwarm's and counts nothing for us"
 COUNTS_NOTHING = "the broker was told to count nothing"
 EARLIER = "the broker's counters, from its own beginning: the run had begun before its recorder came"
+NO_ROOM = "it had no room to count {} messages under this run's name"
 GONE = "some that it had at the run's beginning are gone, as of a broker that was started again without its state"
 
 
@@ -36,6 +37,8 @@ class Answer:
     """The broker's counters of a run; no rows from one that counts nothing for us, and why."""
 
     rows: tuple[MeterRow, ...] = ()
+    unmetered: int = 0
+    """Messages that it had no room to count."""
     why_none: str = ""
 
 
@@ -90,7 +93,8 @@ class BrokerCounters:
             )
             if fits(whole := [*others, *own], clients):
                 return Counted(whole, EARLIER)
-        return Counted(rows, f"{BROKERS}; {GONE}" if any_gone else BROKERS)
+        said = [BROKERS, *([GONE] if any_gone else ()), *([NO_ROOM.format(told.unmetered)] if told.unmetered else ())]
+        return Counted(rows, "; ".join(said))
 
     def fetch(self, patience_s: float) -> Answer:
         """What the broker has counted by now.
@@ -123,7 +127,8 @@ class BrokerCounters:
 
     @property
     def _is_known(self) -> bool:
-        return self._answer is not None or (self._has_echo and not self._is_ours)
+        # The echo is waited for anyway: nothing of this may come later.
+        return self._has_echo and (self._answer is not None or not self._is_ours)
 
     def _ask(self) -> None:
         self._token = secrets.token_hex(8)
@@ -154,7 +159,7 @@ class BrokerCounters:
         held[piece.piece] = piece
         if len(held) == piece.pieces:
             rows = tuple(row for _, each in sorted(held.items()) for row in each.rows)
-            self._answer = Answer(rows) if piece.metering else Answer(why_none=COUNTS_NOTHING)
+            self._answer = Answer(rows, piece.unmetered) if piece.metering else Answer(why_none=COUNTS_NOTHING)
 
 
 def fits(rows: Sequence[MeterRow], clients: Sequence[MeterRow]) -> bool:

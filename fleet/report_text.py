@@ -138,9 +138,9 @@ def lost_table(run: Run, energy: Energy) -> TextTable | None:
         rows.append([name, *done, *(joules_text(each) for each in joules)])
     if not run.lost:
         return None
-    headings = ["arm", "gradients, robots", "gradients, data center", "motions", "J, robots", "J, data center"]
-    title = "Done and not kept, because something had failed"
-    return TextTable(title, [*headings, "E with it (measured payload)", "E without"], rows)
+    headings = ["arm", "by robots", "by center", "motions", "J, robots", "J, center", "E with", "E without"]
+    title = "Done and not kept, because something had failed: gradients, motions, joules (measured payload)"
+    return TextTable(title, headings, rows)
 
 
 def _total_text(column: Column) -> str:

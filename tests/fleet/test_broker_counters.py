@@ -47,7 +47,7 @@ class Deployment:
         self.asked = 0
         self.playing: threading.Thread | None = None
 
-    def answer(self, answers: Answers, *, metering: bool = True) -> None:
+    def answer(self, answers: Answers, *, metering: bool = True, unmetered: int = 0) -> None:
         """Tell the limits, and to each question the next answer, a piece for each row; None: none."""
         self.broker.subscribe(topics.BROKER_METER_ASK)
         self.broker.publish(topics.BROKER_LIMITS, encode_json(BrokerLimits(message_bytes=1000)), retain=True)
@@ -60,16 +60,22 @@ class Deployment:
                 self.asked += 1
                 question = CountersRequest.model_validate_json(bytes(message.payload))
                 if rows is not None:
-                    for piece in self.pieces(question, rows, metering):
+                    for piece in self.pieces(question, rows, metering, unmetered):
                         self.broker.publish(topics.broker_answer(question.asked), encode_json(piece))
 
         self.playing = threading.Thread(target=play, daemon=True)
         self.playing.start()
 
     @staticmethod
-    def pieces(question: CountersRequest, rows: list[MeterRow], metering: bool) -> list[CountersPiece]:
+    def pieces(question: CountersRequest, rows: list[MeterRow], metering: bool, unmetered: int) -> list[CountersPiece]:
         count = max(1, len(rows))
-        told = {"asked": question.asked, "run": question.run, "pieces": count, "metering": metering}
+        told = {
+            "asked": question.asked,
+            "run": question.run,
+            "pieces": count,
+            "metering": metering,
+            "unmetered": unmetered,
+        }
         return [
             CountersPiece.model_validate({**told, "piece": number, "rows": rows[number - 1 : number]})
             for number in range(count, 0, -1)
@@ -177,6 +183,12 @@ def test_a_broker_that_lost_its_counters_in_mid_run_is_noticed(deployment: Deplo
     deployment.recorder().close("complete")
     assert deployment.delivered() == [("agent-2", 1, 1000)]  # all of it since then, so of this run
     assert "are gone, as of a broker that was started again" in deployment.summary()["counters"]
+
+
+def test_messages_that_the_broker_had_no_room_to_count_are_told(deployment: Deployment) -> None:
+    deployment.answer([[], counted(1)], unmetered=7)
+    deployment.recorder().close("complete")
+    assert "no room to count 7 messages" in deployment.summary()["counters"]
 
 
 @pytest.mark.parametrize(("received", "billed"), [(3, 3), (1, 1), (4, 1)])
