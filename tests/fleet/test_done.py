@@ -110,6 +110,7 @@ class Deployment:
     def __init__(self, folder: Path, out: str, method: str, *, keep_state: bool, hub: MemoryHub | None = None) -> None:
         self.scenario = load_scenario(TOY, [*SMALL, f"methods=['{method}']"])
         self.hub, self.directory = hub or MemoryHub(), RunDirectory(folder / out)
+        self.directory.manifest({})
         self.recorder = Recorder(self.hub.connect("recorder"), self.scenario, RUN, self.directory)
         clients = [f"agent-{agent}" for agent in self.scenario.agents]
         clients += ["datacenter"] if self.scenario.needs_datacenter else []
