@@ -30,6 +30,7 @@ UNSENT_LIMIT_MESSAGES = 10_000
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
 CONNECT_ATTEMPT_MIN_S, CONNECT_ATTEMPT_MAX_S = 3.0, 10.0  # at most as long as the broker waits for a CONNECT
 CLOSE_TIMEOUT_S = 5.0
+LOOK_AFTER_BROKER_S = 0.2
 _REFUSED = 128
 
 
@@ -51,9 +52,11 @@ class MqttBus:
         give_up_s: float,
         credentials: Credentials | None = None,
         meter: Meter | None = None,
+        look_after_broker: Callable[[], None] | None = None,
     ) -> None:
         self.client = client
         self.meter = meter or Meter("client")
+        self._look_after_broker = look_after_broker
         self.connections = 0
         self._address = address
         self._give_up_s = give_up_s
@@ -84,6 +87,7 @@ class MqttBus:
         keepalive_s: int = 60,
         connect_timeout_s: float = 30.0,
         meter: Meter | None = None,
+        look_after_broker: Callable[[], None] | None = None,
     ) -> Self:
         """Connect, and keep connected until `close`. `will` is (topic, payload), retained, QoS 1.
 
@@ -93,12 +97,14 @@ class MqttBus:
             credentials: user, password and certificates (`common.keys`); a user in the URL comes before them.
             connect_timeout_s: how long a broker may be away, now or later, before that is an error.
             meter: one to go on counting with; default a new one.
+            look_after_broker: called over and over while the user waits unconnected, in the user's thread: who started
+                the broker starts it again. What it raises ends the wait.
 
         Raises:
             ConfigurationError: the URL is malformed, a certificate is not right, or the broker refused the client.
             BrokerUnreachableError: no broker answered in time.
         """
-        bus = cls(parse_url(url), client, connect_timeout_s, credentials, meter)
+        bus = cls(parse_url(url), client, connect_timeout_s, credentials, meter, look_after_broker)
         if will is not None:
             bus._paho.will_set(will[0], will[1], qos=1, retain=True)
         bus._paho.connect_async(bus._address.host, bus._address.port, keepalive_s)
@@ -197,6 +203,9 @@ class MqttBus:
                 now_s = time.monotonic()
                 waits_s = [] if deadline_s is None else [deadline_s - now_s]
                 if not self._connected:
+                    if self._look_after_broker is not None:
+                        self._look_after_broker()
+                        waits_s.append(LOOK_AFTER_BROKER_S)
                     waits_s.append(self._lost_at_s + self._give_up_s - now_s)
                     if waits_s[-1] <= 0:
                         raise self._unreachable()

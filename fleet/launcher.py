@@ -120,17 +120,28 @@ class Launcher:
             RunError: one ended with an error, or too often; the message holds the end of what it printed.
         """
         self._check_fork_server()
-        ended = {name: code for name, child in self._children.items() if (code := child.exitcode)}
+        for name, code in [(name, child.exitcode) for name, child in self._children.items()]:
+            if code:
+                self._ended(name, code)
+        self.check_broker()
+
+    def check_broker(self) -> None:
+        """Notice that the broker died, as `check` does: also once nobody waits for the processes any more.
+
+        Raises:
+            RunError: as `check`.
+        """
         if self._broker is not None and self._broker.poll() is not None:
-            ended["broker"] = self._broker.returncode
-        for name, code in ended.items():
-            number = signal_of(code, is_broker=name == "broker")
-            if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):
-                raise RunError(ending(name, code, self._log(name), self._restarted[name]))
-            if self._restarted[name] >= self._restarts:
-                self._miss(name, number)
-            elif time.monotonic() >= self._held.get(name, 0.0):
-                self._restart(name, number)
+            self._ended("broker", self._broker.returncode)
+
+    def _ended(self, name: str, code: int) -> None:
+        number = signal_of(code, is_broker=name == "broker")
+        if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):
+            raise RunError(ending(name, code, self._log(name), self._restarted[name]))
+        if self._restarted[name] >= self._restarts:
+            self._miss(name, number)
+        elif time.monotonic() >= self._held.get(name, 0.0):
+            self._restart(name, number)
 
     def _check_fork_server(self) -> None:
         """If it is gone, so are all its processes: they are started again as if each had been killed."""

@@ -214,7 +214,9 @@ def _deploy(
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
-        recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
+        recording = _recording(
+            scenario, url, run, directory, console, credentials, state, embedded=embedded, launcher=launcher
+        )
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
@@ -292,6 +294,7 @@ def _recording(
     state: Path | None = None,
     *,
     embedded: bool,
+    launcher: Launcher | None = None,
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
     described = manifest(scenario, run, url, embedded=embedded)
@@ -307,6 +310,8 @@ def _recording(
         keepalive_s=scenario.bus.keepalive_s,
         connect_timeout_s=scenario.bus.connect_timeout_s,
         meter=Meter("client", state and state / CLIENT),
+        # Before its processes are there, and once they are done, nobody else notices that the broker was killed.
+        look_after_broker=None if launcher is None else launcher.check_broker,
     )
     check_largest_message(bus, scenario, run)
     recorder = Recorder(bus, scenario, run, directory, state)

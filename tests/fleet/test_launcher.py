@@ -108,6 +108,24 @@ def test_a_broker_that_was_killed_comes_back_where_it_was_as_often_as_is_allowed
     assert told == ["broker was ended by SIGKILL; starting it again"] * 2
 
 
+def test_who_waits_for_an_answer_of_a_broker_that_was_killed_starts_it_again_and_is_told_why_it_ended(
+    tmp_path: Path,
+) -> None:
+    told: list[str] = []
+    with Launcher(tmp_path / "logs", restarts=1, told=told.append) as launcher:
+        url = launcher.start_broker(["--no-metrics"])["url"]
+        bus = MqttBus.connect(url, "r", connect_timeout_s=DEADLINE_S, look_after_broker=launcher.check_broker)
+        before = kill(launcher, "broker")
+        bus.publish("a/b", b"1")
+        bus.flush()  # nobody else looks after it
+        assert launcher.pids["broker"] != before
+        assert told == ["broker was ended by SIGKILL; starting it again"]
+        kill(launcher, "broker")
+        with pytest.raises(RunError, match="broker ended with code -9"):
+            bus.receive(DEADLINE_S)
+        bus.close()
+
+
 def test_a_process_that_is_held_is_not_started_again_before_its_time(tmp_path: Path) -> None:
     with Launcher(tmp_path / "logs", restarts=1) as launcher:
         launcher.start_broker(["--no-metrics"])

@@ -104,7 +104,7 @@ def test_an_external_broker_serves_and_the_clients_counters_feed_the_bill(
 
     done = read_run(tmp_path / "external", run.printed)
     assert done.summary["metered_by"] == "client"
-    assert "Metered by the clients themselves" in done.printed
+    assert "Metered by the clients' own counters, for the broker is not JouleSwarm's" in done.printed
     assert done.manifest["broker"] == {"embedded": False, "url": mosquitto}
     assert {row["side"] for row in done.lines("meter.jsonl")} == {"client"}
     assert done.figures == small_run.figures

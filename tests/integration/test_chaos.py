@@ -134,6 +134,24 @@ def test_robots_that_are_killed_come_back_to_the_same_end_and_no_byte_is_lost_fr
     assert {key[0] for key, messages in delivered.items() if received.get(key, 0) < messages} <= set(killer.names)
 
 
+class LateKiller(Killer):
+    """It kills when all counters have been handed in, and only the broker's are still to be asked for."""
+
+    def tick(self) -> None:
+        if self.left and not self.recorder.waiting_for:
+            os.kill(self.launcher.pids[self.left.pop()], signal.SIGKILL)
+
+
+def test_a_broker_that_is_killed_before_it_has_told_its_counters_comes_back_and_tells_them(
+    read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    killer = LateKiller("broker")
+    run = read_run(deploy(tmp_path, killer, 'methods=["fl"]', "federation.max_rounds=1"))
+    assert killer.left == []
+    assert (run.summary["status"], run.summary["metered_by"]) == ("complete", "broker")
+
+
 def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) -> None:
     kinds = ("--kind", "robot killed", "--kind", "broker killed")
     options = ("--faults", "6", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))

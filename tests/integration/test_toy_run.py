@@ -69,6 +69,7 @@ def test_the_summary_holds_rounds_joules_and_bytes_of_each_arm(toy_run: Any) -> 
     summary = toy_run.summary
     assert (summary["seed"], summary["t0"]) == (1, 3)
     assert (summary["status"], summary["metered_by"]) == ("complete", "broker")
+    assert (summary["counters"], summary["counters_fit"]) == ("the broker's counters, from the run's beginning", True)
     assert set(summary["arms"]) == set(ARMS)
     for arm in ARMS:
         part = summary["arms"][arm]
@@ -77,7 +78,8 @@ def test_the_summary_holds_rounds_joules_and_bytes_of_each_arm(toy_run: Any) -> 
         ] * 2
         assert [task["task"] for task in part["tasks"]] == [1, 2]
         assert set(part["energy_j"]) == {"literal", "published", "by_cause", "by_site"}
-        assert all(set(part["energy_j"][prices]) == PARTS for prices in ("literal", "published"))
+        assert set(part["energy_j"]["literal"]) == PARTS
+        assert part["energy_j"]["published"] is None  # not the paper's deployment
         assert set(part["bytes"]) == LINKS
         assert all(set(part["bytes"][link]) == {"messages", "payload", "packet"} for link in LINKS)
 
@@ -147,8 +149,23 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
 
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
     names = {path.name for path in toy_run.path.iterdir()}
-    files = {"manifest.json", "rounds.jsonl", "meter.jsonl", "progress.jsonl", "summary.json", "report.html"}
-    assert names == files | {"weights", "figures", "logs"}
+    files = {"manifest.json", "summary.json", "report.html"}
+    rows = {f"{name}.jsonl" for name in ("rounds", "meter", "work", "progress")}
+    assert names == files | rows | {"weights", "figures", "logs"}
+
+
+def test_undisturbed_every_gradient_and_motion_that_was_done_is_in_a_row(toy_run: Any) -> None:
+    done = {(row["client"], row["phase"], row["arm"]): row for row in toy_run.lines("work.jsonl")}
+    rows = toy_run.lines("rounds.jsonl")
+    for (client, phase, arm), work in done.items():
+        agent = 0 if client == "datacenter" else int(client.removeprefix("agent-"))
+        mine = [row for row in rows if (row["agent"], row["phase"], row["arm"]) == (agent, phase, arm)]
+        assert work["gradients"] + work["gradients_query"] == sum(row["gradients"] for row in mine)
+        assert work["motions"] == (10 * len(mine) if agent else 0)  # learning.motions_per_round
+    assert {(row["agent"], row["phase"], row["arm"]) for row in rows} == {
+        (0 if client == "datacenter" else int(client.removeprefix("agent-")), phase, arm) for client, phase, arm in done
+    }
+    assert not any("lost_work" in arm for arm in toy_run.summary["arms"].values())
 
 
 def test_progress_only_grows(toy_run: Any) -> None:
