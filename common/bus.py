@@ -161,6 +161,8 @@ class MemoryBus:
 def matches(filter_: str, topic: str) -> bool:
     """Whether an MQTT topic filter matches a topic (MQTT 3.1.1, section 4.7)."""
     levels, wanted = topic.split("/"), filter_.split("/")
+    if topic.startswith("$") and wanted[0] in ("#", "+"):  # 4.7.2-1
+        return False
     if wanted[-1] == "#":
         wanted.pop()
         levels = levels[: len(wanted)]

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from common import topics
 from common.broker_url import BrokerAddress, parse_url
-from common.bus import Message, Payload
+from common.bus import Message, Payload, matches
 from common.errors import BrokerUnreachableError, ConfigurationError
 from common.inbox import Inbox
 from common.keys import Credentials
@@ -323,7 +323,8 @@ class MqttBus:
             self.limit.learn(payload)
             for waiting in self._paho.backlog():
                 self.limit.check(*waiting)
-            return
+            if not any(matches(filter_, topic) for filter_ in tuple(self._filters)):
+                return
         self.meter.count(self.client, topic, "in", len(payload), packet_bytes)
         with self._changed:
             self._inbox.put(Message(topic, payload, retained))

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from common.meter import MeterRow
-from fleet.traffic import is_party
+from fleet.traffic import DATA_CENTER, is_party
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class Balance:
         A second process of the same name hears the name's own presence and claim before it is refused, and its counts
         go with it: there only the first holds.
         """
-        own = self.topic.endswith("/claim") or self.topic.endswith(f"/{self.client.removeprefix('agent-')}/presence")
+        number = "0" if self.client == DATA_CENTER else self.client.removeprefix("agent-")
+        own = self.topic.endswith("/claim") or self.topic.endswith(f"/{number}/presence")
         return (own or _within(self.acknowledged, self.received)) and _within(self.received, self.delivered)
 
     @property

@@ -29,6 +29,9 @@ WEIGHTS = topics.weights("r", "maml", 1, 1)  # jouleswarm/r/maml/sl/1/1/weights:
         ("a/b", "a/b", True),
         ("a/b", "a/B", False),
         ("a/b", "a", False),
+        ("#", "$SYS/a", False),  # 4.7.2-1
+        ("+/a", "$SYS/a", False),
+        ("$SYS/#", "$SYS/a", True),
     ],
 )
 def test_filters_match_as_the_standard_says(filter_: str, topic: str, expected: bool) -> None:

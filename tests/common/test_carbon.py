@@ -35,7 +35,7 @@ def test_electricity_without_emissions_is_zero_and_known() -> None:
     assert carbon(COST, energy).total_g == 0
 
 
-@given(st.floats(0, 1e9), st.floats(0, 1e9), st.floats(0, 2000))
+@given(st.floats(0, 1e9), st.floats(0, 1e9), st.floats(0, 2000, allow_subnormal=False))
 def test_at_one_intensity_everywhere_grams_follow_the_total(uplink_j: float, downlink_j: float, g: float) -> None:
     bill = Bill(ml=Cost(uplink_j=uplink_j), fl=Cost(downlink_j=downlink_j))
     grams = carbon(bill, Energy(datacenter_g_per_kwh=g, robots_g_per_kwh=g))

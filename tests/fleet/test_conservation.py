@@ -52,6 +52,11 @@ def test_a_refused_second_process_may_have_heard_the_names_own_presence() -> Non
     found = conservation(counted(PRESENCE, delivered=3, received=2, acked=3))
     assert found is not None
     assert found.broken == ()
+    center = conservation(
+        counted("jouleswarm/r/all/ctl/0/0/presence", client="datacenter", delivered=2, received=1, acked=2)
+    )
+    assert center is not None
+    assert center.broken == ()
     other = conservation(counted(PRESENCE, client="agent-2", delivered=3, received=2, acked=3))
     assert other is not None
     assert len(other.broken) == 1
