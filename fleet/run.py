@@ -330,7 +330,7 @@ def _recording(
             # What ended the run is worth more than that its end could not be told to a broker that is gone.
             if status == "complete":
                 raise
-            console.print(f"the run directory has no final counters: {error}", highlight=False)
+            console.print(f"no final counters from the broker: {error}", highlight=False)
 
 
 def _watch(
