@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import wait
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +24,7 @@ from fleet.packages import command_of
 
 _GRACE_S = 2.0
 _BROKER_START_S = 60.0
+_MIND_EVERY_S = 0.2
 _FORK_SERVER = "fork-server"
 _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -120,9 +123,32 @@ class Launcher:
             RunError: one ended with an error, or too often; the message holds the end of what it printed.
         """
         self._check_fork_server()
-        ended = {name: code for name, child in self._children.items() if (code := child.exitcode)}
+        self._see_to({name: code for name, child in self._children.items() if (code := child.exitcode)})
+        self._check_broker()
+
+    @contextlib.contextmanager
+    def minding_the_broker(self) -> Iterator[None]:
+        """Start the broker again, should a signal end it, while this thread does nothing but wait for it."""
+        over = threading.Event()
+
+        def mind() -> None:
+            with contextlib.suppress(RunError):  # who waits for it will tell
+                while not over.wait(_MIND_EVERY_S):
+                    self._check_broker()
+
+        thread = threading.Thread(target=mind, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+    def _check_broker(self) -> None:
         if self._broker is not None and self._broker.poll() is not None:
-            ended["broker"] = self._broker.returncode
+            self._see_to({"broker": self._broker.returncode})
+
+    def _see_to(self, ended: dict[str, int]) -> None:
         for name, code in ended.items():
             number = signal_of(code, is_broker=name == "broker")
             if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):

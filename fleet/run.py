@@ -11,8 +11,8 @@ import resource
 import secrets
 import shutil
 import subprocess
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -52,7 +52,7 @@ _WAIT_FOR_CHILDREN_S = 10.0
 
 
 class Intruder(Protocol):
-    """Who does harm to a deployment on purpose (see fleet/chaos.py)."""
+    """Who does harm to a deployment on purpose (see fleet/intruder.py)."""
 
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
         """The broker's URL as the processes are to know it."""
@@ -214,7 +214,8 @@ def _deploy(
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
-        recording = _recording(scenario, url, run, directory, console, credentials, state, embedded=embedded)
+        minding = launcher.minding_the_broker if embedded else nullcontext
+        recording = _recording(scenario, url, run, directory, console, credentials, state, minding, embedded=embedded)
         recorder = stack.enter_context(recording)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
@@ -290,10 +291,14 @@ def _recording(
     console: Console,
     credentials: Credentials | None,
     state: Path | None = None,
+    minding: Callable[[], AbstractContextManager[None]] = nullcontext,
     *,
     embedded: bool,
 ) -> Iterator[Recorder]:
-    """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
+    """A recorder that writes its summary however the run ends; `state`: folder of all processes' states.
+
+    `minding`: the broker, while its last answers are waited for.
+    """
     described = manifest(scenario, run, url, embedded=embedded)
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
@@ -320,7 +325,8 @@ def _recording(
         raise
     finally:
         try:
-            recorder.close(status)
+            with minding():
+                recorder.close(status)
         except JouleSwarmError as error:
             # What ended the run is worth more than that its end could not be told to a broker that is gone.
             if status == "complete":

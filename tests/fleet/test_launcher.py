@@ -108,6 +108,18 @@ def test_a_broker_that_was_killed_comes_back_where_it_was_as_often_as_is_allowed
     assert told == ["broker was ended by SIGKILL; starting it again"] * 2
 
 
+def test_a_broker_that_is_killed_while_its_last_answers_are_waited_for_comes_back(tmp_path: Path) -> None:
+    with Launcher(tmp_path / "logs", restarts=1) as launcher:
+        url = launcher.start_broker(["--state", str(tmp_path / "state"), "--no-metrics"])["url"]
+        bus = MqttBus.connect(url, "recorder", connect_timeout_s=DEADLINE_S)
+        with launcher.minding_the_broker():
+            before = kill(launcher, "broker")
+            bus.publish(topics.recorder("r"), b"done", retain=True)
+            bus.flush()  # nobody has called `check` meanwhile
+        assert launcher.pids["broker"] != before
+        bus.close()
+
+
 def test_a_process_that_is_held_is_not_started_again_before_its_time(tmp_path: Path) -> None:
     with Launcher(tmp_path / "logs", restarts=1) as launcher:
         launcher.start_broker(["--no-metrics"])
