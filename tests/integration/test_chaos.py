@@ -135,12 +135,20 @@ def test_robots_that_are_killed_come_back_to_the_same_end_and_no_byte_is_lost_fr
 
 
 def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) -> None:
-    kinds = ("--kind", "robot killed", "--kind", "broker killed")
+    # In turn, each time in another phase; robots that are killed are in the tests above.
+    kinds = ("state torn", "state lost", "disk full", "broker killed")
+    chosen = [part for kind in kinds for part in ("--kind", kind)]
     options = ("--faults", "6", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))
-    long_enough = sets((*LONGER, "federation.max_rounds=100"))
-    process = start.jouleswarm("chaos", TOY, *options, *kinds, *long_enough)
+    long_enough = sets((*LONGER, "federation.max_rounds=40"))
+    process = start.jouleswarm("chaos", TOY, *options, *chosen, *long_enough, COLUMNS="200")
     assert process.ends(500) == 0, process.printed
     assert "6 faults, 6 of them in runs with an identical end" in " ".join(process.printed.split())
+    rows = [row.split(",") for row in (tmp_path / "chaos" / "chaos.csv").read_text().splitlines()[1:]]
+    assert {(row[2], row[1]) for row in rows} == {
+        ("state torn", "starting"), ("state lost", "meta-learning"), ("disk full", "federated"),
+        ("broker killed", "leaving"), ("state torn", "meta-learning"), ("state lost", "federated"),
+    }  # fmt: skip
+    assert {(row[2], row[-1]) for row in rows if row[-1]} == {("state lost", "refused"), ("disk full", "no space left")}
 
 
 def heard(bus: MqttBus, topic: str) -> Message:
