@@ -10,6 +10,7 @@ from pathlib import Path
 
 from common.errors import RunError
 
+NO_SPACE = "no space left"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _WITHOUT = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # file systems that cannot allocate
 _ZEROS = bytes(1 << 20)
@@ -21,7 +22,7 @@ def disk_error(path: str | Path, error: OSError, needed_bytes: int | None = None
         return RunError(f"cannot write {path}: {error.strerror}")
     needed = "" if needed_bytes is None else f" ({needed_bytes / 1e6:.1f} MB needed)"
     limit = "; a file may not grow so large here" if error.errno == errno.EFBIG else ""
-    return RunError(f"no space left on {path}{needed}{limit}; make room, then go on from what is there")
+    return RunError(f"{NO_SPACE} on {path}{needed}{limit}; make room, then go on from what is there")
 
 
 @contextlib.contextmanager

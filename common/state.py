@@ -160,6 +160,17 @@ class StateFile:
             seal.check(self._paths[0].parent / name)
         return State(arrays, values, files)
 
+    def tear(self) -> None:
+        """Leave the files as a kill in the middle of the next write does, for who wants to see what comes of it."""
+        newest = self._newest()
+        number = newest.number if newest else 0
+        if newest is None:
+            self._paths[1].write_bytes(_head(_WRITING, 2))
+        path = self._paths[number % 2]
+        before = path.read_bytes()[_HEAD_BYTES:] if path.exists() else b""
+        half = len(before) // 2
+        path.write_bytes(_head(_WRITING, number + 1) + bytes(half) + before[half:])
+
     def _write(self, path: Path, number: int, content: bytes) -> None:
         """Mark the file as being written, write it, and mark it as whole."""
         with path.open("r+b" if path.exists() else "wb", buffering=0) as file:

@@ -169,24 +169,28 @@ def chaos(
 ) -> None:
     """Show that faults change nothing but the clock: run a scenario undisturbed, then again and again with faults.
 
-    Processes are killed and stopped, the broker taken away, connections cut in the middle of a message, messages sent
-    twice, robots started twice. Every run must end with the same rounds and bit-identical weights; the exit code is 1
-    if one does not.
+    Processes are killed and stopped, also while they leave or write their state, the broker taken away, connections
+    cut in the middle of a message, messages sent twice, robots and runs started twice; runs are interrupted, robbed of
+    a robot's state or of their disk's space, and gone on with. Every run must end with the same rounds and
+    bit-identical weights, and what must be refused or told must be; the exit code is 1 if not. The memories of motions
+    are made so small that they are written over in every run, unless --set says otherwise.
 
     Example: jouleswarm chaos scenarios/toy.toml --faults 100 --seed 1
     """
     import typing
 
     from common.scenario import load_scenario
-    from fleet.chaos import CSV, KINDS, chaos_table, run_chaos
-    from fleet.faults import FaultKind
+    from fleet.chaos import CSV, run_chaos, wrapping
+    from fleet.chaos_table import chaos_table
+    from fleet.faults import KINDS, FaultKind
 
     unknown = [each for each in kind or () if each not in KINDS]
     if unknown:
         raise typer.BadParameter(f"got {', '.join(unknown)}, expected some of: {', '.join(KINDS)}")
     chosen = typing.cast("list[FaultKind]", kind) or KINDS
     # A broker may be away for longer than in a run that nobody disturbs.
-    overrides = [f"bus.connect_timeout_s={max(60.0, 4 * pause_s)}", "bus.resend_after_s=3", *(set_ or ())]
+    overrides = [f"bus.connect_timeout_s={max(60.0, 4 * pause_s)}", "bus.resend_after_s=3"]
+    overrides += [*wrapping(load_scenario(scenario, set_ or ())), *(set_ or ())]
     settings = load_scenario(scenario, overrides)
     options = ["--scenario", str(scenario.resolve()), *(part for each in overrides for part in ("--set", each))]
     console = Console()

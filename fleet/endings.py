@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
+from common.disk import NO_SPACE, is_full
+
 _FROM_OUTSIDE = "sent from outside"
 _CAUSES = {
     signal.SIGKILL: f"{_FROM_OUTSIDE}, or by the kernel when memory is short: `dmesg` tells",
@@ -31,7 +33,10 @@ def ending(name: str, code: int, log: Path, restarted: int = 0) -> str:
     sent = signal_of(code, is_broker=name == "broker")
     told = f"{name} ended with code {code}" + ("" if sent is None else f" ({sent.name})")
     told += f", after it was started again {restarted} times" if restarted else ""
-    return f"{told}: {_last_words(log, sent)}"
+    words = _last_words(log, sent)
+    if NO_SPACE not in words and is_full(log.parent):  # so that it could not say so
+        words += f"; {NO_SPACE} on {log.parent}; make room, then go on from what is there"
+    return f"{told}: {words}"
 
 
 def _last_words(log: Path, sent: signal.Signals | None) -> str:

@@ -5,20 +5,26 @@ from __future__ import annotations
 import contextlib
 import os
 import random
+import resource
 import signal
 import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, get_args
 
 from common.bus import Message
+from common.lock import LOCK, await_free
 from common.mqtt import MqttBus
+from common.runlog import STATE
 from common.scenario import Scenario
+from common.state import StateFile
 from common.topics import ROOT, Link, link_of
 from fleet.launcher import Launcher
 from fleet.packages import command_of
 from fleet.proxy import Proxy, Slowness
+from fleet.ramdisk import RamDisk
 from fleet.traffic import DATA_CENTER
 
 FaultKind = Literal[
@@ -33,11 +39,23 @@ FaultKind = Literal[
     "bad link",
     "duplicates",
     "same robot twice",
+    "same state twice",
+    "same run twice",
+    "state torn",
+    "run interrupted",
+    "state lost",
+    "disk full",
 ]
 KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+TWINS: tuple[FaultKind, ...] = ("same robot twice", "same state twice", "same run twice")
+"""A second process is started, which must be refused."""
 
 _BAD_LINK = Slowness(bytes_per_s=2e6, cut_odds=0.002)
 _REFUSED = 2  # exit code of a configuration error
+_END_S = 10.0
+_TWIN_S = 60.0  # it loads its libraries first
+_STATES = ("state.0", "task-*.0")
+_LOG_BYTES = 4096  # so much more a process may write where its disk is full, to say so
 
 
 @dataclass
@@ -55,6 +73,12 @@ class Site:
     """How long the broker is away, or somebody stopped."""
     rng: random.Random
     onlooker: MqttBus
+    path: Path
+    """The run directory."""
+    disk: RamDisk | None = None
+    """Where that is on a disk of its own."""
+    told: tuple[int, ...] = ()
+    """Robots that have told of a round."""
     heard: dict[str, Message] = field(default_factory=dict)
     later: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     twins: list[subprocess.Popen[bytes]] = field(default_factory=list)
@@ -78,13 +102,14 @@ class Site:
         """Leave nothing stopped, slow or running."""
         for _, what in self.later:
             what()
+        self.later.clear()
         for twin in self.twins:
             twin.kill()
             twin.wait()
 
 
-def inject(kind: FaultKind, site: Site) -> str:
-    """Do it; returns whom it was done to."""
+def inject(kind: FaultKind, site: Site) -> str | None:
+    """Do it; returns whom it was done to, None where there is nobody yet. How a run is ended is up to who runs it."""
     robot = f"agent-{site.rng.choice(site.scenario.agents)}"
     match kind:
         case "robot killed":
@@ -113,7 +138,19 @@ def inject(kind: FaultKind, site: Site) -> str:
         case "duplicates":
             return _duplicate(site)
         case "same robot twice":
-            return _twin(site, robot)
+            return _robot_twice(site, robot)
+        case "same state twice":
+            return _robot_twice(site, robot, "--state", str(_state(site, robot))) if _owns_state(site, robot) else None
+        case "same run twice":
+            return _twin(site, "the run", [*command_of("fleet"), "run", "--resume", str(site.path)])
+        case "state torn":
+            return _tear(site, site.rng.choice([robot, DATA_CENTER]) if site.scenario.needs_datacenter else robot)
+        case "run interrupted":
+            return "everybody"
+        case "state lost":
+            return f"agent-{site.rng.choice(site.told)}" if site.told else None
+        case "disk full":
+            return _fill_disk(site, robot)
 
 
 def _signal(site: Site, name: str, number: int) -> str:
@@ -141,11 +178,50 @@ def _duplicate(site: Site) -> str:
     return f"{len(site.heard)} messages"
 
 
-def _twin(site: Site, name: str) -> str:
-    agent = name.removeprefix("agent-")
-    command = [*command_of("agents"), "--id", agent, "--broker", site.url, "--run", site.run, *site.options]
+def _twin(site: Site, whose: str, command: list[str]) -> str:
     site.twins.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+    return whose
+
+
+def _robot_twice(site: Site, name: str, *more: str) -> str:
+    agent = name.removeprefix("agent-")
+    command = [*command_of("agents"), "--id", agent, "--broker", site.url, "--run", site.run, *site.options, *more]
+    return _twin(site, name, command)
+
+
+def _state(site: Site, name: str) -> Path:
+    return site.path / STATE / name
+
+
+def _owns_state(site: Site, name: str) -> bool:
+    """Whether the process has got hold of its folder: one that is just being started could be overtaken."""
+    with contextlib.suppress(OSError):
+        return f"process {site.launcher.pids[name]} " in (_state(site, name) / LOCK).read_text(encoding="utf-8")
+    return False
+
+
+def _tear(site: Site, name: str) -> str:
+    """Kill a process, and leave its state as if that had been while it wrote it."""
+    _signal(site, name, signal.SIGKILL)
+    folder = _state(site, name)
+    if folder.exists():
+        await_free(folder, _END_S, lambda line: None)
+    states = sorted(path.with_suffix("") for each in _STATES for path in folder.rglob(each))
+    if states:
+        StateFile(site.rng.choice(states), None).tear()
     return name
+
+
+def _fill_disk(site: Site, robot: str) -> str:
+    """The whole disk, where the run has one of its own; else no file of a robot may become large any more."""
+    if site.disk is not None:
+        site.disk.fill()
+        return "the disk"
+    log = site.path / "logs" / f"{robot}.log"
+    size_bytes = _LOG_BYTES + (log.stat().st_size if log.exists() else 0)
+    with contextlib.suppress(ProcessLookupError):
+        resource.prlimit(site.launcher.pids[robot], resource.RLIMIT_FSIZE, (size_bytes, size_bytes))
+    return robot
 
 
 def onlooker(url: str, run: str, connect_timeout_s: float) -> MqttBus:
@@ -155,7 +231,10 @@ def onlooker(url: str, run: str, connect_timeout_s: float) -> MqttBus:
     return bus
 
 
-def refused(twin: subprocess.Popen[bytes]) -> bool | None:
-    """Whether a second process of a robot was refused; None as long as it runs."""
+def refused(twin: subprocess.Popen[bytes], *, wait: bool = False) -> bool | None:
+    """Whether a second process was refused; None as long as it runs."""
+    if wait:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            twin.wait(_TWIN_S)
     code = twin.poll()
     return None if code is None else code == _REFUSED

@@ -12,7 +12,7 @@ from typing import Literal
 from common import topics
 from common.agreement import proclamation
 from common.bus import Bus, Message
-from common.errors import PayloadError, RunError
+from common.errors import BrokerUnreachableError, PayloadError, RunError
 from common.meter import MeterRow, read_rows, read_work
 from common.patience import Patience
 from common.payloads import Acknowledgement, Presence, Wait, decode_json, encode_json
@@ -174,8 +174,10 @@ class Recorder:
         Raises:
             RunError: the broker has not answered, or rows were lost; all the same everything is written, as of a run
                 that failed.
+            BrokerUnreachableError: it is gone; the same.
         """
-        settings, failed = self._scenario, None
+        settings = self._scenario
+        failed: RunError | BrokerUnreachableError | None = None
         if status != "complete":
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
         for whose in (CLIENT, topics.SHARED):
@@ -186,7 +188,7 @@ class Recorder:
         clients, work = self._clients_rows(), self._work_done()
         try:
             rows, source = self._broker.end(patience_s, clients)
-        except RunError as error:
+        except (RunError, BrokerUnreachableError) as error:
             rows, source = [], CLIENTS.format(why=error)
             status, failed = "failed" if status == "complete" else status, error
         if (lost := self._directory.lost_rows()) and status == "complete":

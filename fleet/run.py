@@ -52,7 +52,7 @@ _WAIT_FOR_CHILDREN_S = 10.0
 
 
 class Intruder(Protocol):
-    """Who does harm to a deployment on purpose (see fleet/chaos.py)."""
+    """Who does harm to a deployment on purpose (see fleet/intruder.py)."""
 
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
         """The broker's URL as the processes are to know it."""

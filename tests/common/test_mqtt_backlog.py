@@ -142,7 +142,8 @@ def played() -> Iterator[Callable[[Script], MqttBus]]:
 
 
 def test_what_is_published_before_the_connack_waits_for_it_and_for_what_is_older(played):
-    asked, published, seen = threading.Event(), threading.Event(), []
+    asked, published, over = threading.Event(), threading.Event(), threading.Event()
+    seen: list[object] = []
 
     def script(accept: Callable[[], Peer]) -> None:
         first = accept()
@@ -160,6 +161,7 @@ def test_what_is_published_before_the_connack_waits_for_it_and_for_what_is_older
         second._file, _ = second._sock.makefile("rb"), second._sock.settimeout(LIMIT_S)
         second._sock.sendall(ACCEPTED)
         seen.extend(packet.published for packet in second.serve() if packet.kind == PUBLISH)
+        over.set()
 
     bus = played(script)
     for number in range(2):
@@ -170,6 +172,7 @@ def test_what_is_published_before_the_connack_waits_for_it_and_for_what_is_older
     published.set()
     bus.flush()
     bus.close()
+    assert over.wait(LIMIT_S)
     seen_in_order = [("a", b"0", True), ("a", b"1", True), ("a", b"2", False), ("a", b"3", False)]
     assert seen == seen_in_order
 

@@ -160,6 +160,26 @@ def test_a_write_that_was_cut_short_leaves_the_state_before_it(
         assert StateFile(tmp_path / "s", OWNER).load() == State(values={"round": round_})
 
 
+@pytest.mark.parametrize("saved", range(5))
+def test_a_state_is_torn_as_a_kill_in_the_middle_of_the_next_write_leaves_it(
+    saved: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("killed", "torn"):
+        file = StateFile(tmp_path / name, OWNER)
+        for round_ in range(1, saved + 1):
+            file.save(State({"x": np.arange(100)}, {"round": round_}))
+    with monkeypatch.context() as patch:
+        dies(patch, 0.5)
+        with pytest.raises(Killed):
+            StateFile(tmp_path / "killed", OWNER).save(State({"x": np.arange(100)}, {"round": saved + 1}))
+    StateFile(tmp_path / "torn", None).tear()
+    for number in (0, 1):
+        killed, torn = ((tmp_path / f"{name}.{number}").read_bytes() for name in ("killed", "torn"))
+        assert torn[:16] == killed[:16]  # whether it is whole, and the number of the write
+    found = StateFile(tmp_path / "torn", OWNER).load()
+    assert (found.values if found else None) == ({"round": saved} if saved else None)
+
+
 DAMAGES = {
     "cut off": lambda whole: whole[:-1],
     "empty": lambda whole: b"",

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from common import topics
 from common.bus import MemoryHub
-from common.errors import RunError
+from common.errors import BrokerUnreachableError, RunError
 from common.meter import Meter, MeterRow
 from common.payloads import encode_json
 from common.reports import MeterReport
@@ -138,6 +138,22 @@ def test_a_broker_that_never_answers_ends_the_run_by_name_and_all_is_written(dep
         recorder.close("complete")
     assert deployment.summary()["status"] == "failed"
     assert deployment.summary()["counters"].startswith("the clients' own counters, for the broker has not answered")
+
+
+@pytest.mark.parametrize(("status", "written"), [("complete", "failed"), ("interrupted", "interrupted")])
+def test_a_broker_that_is_gone_at_the_end_leaves_a_summary_from_the_clients_counters(
+    deployment: Deployment, monkeypatch: pytest.MonkeyPatch, status: Any, written: str
+) -> None:
+    recorder = deployment.recorder()
+
+    def gone(*filters: str, qos: int = 1) -> None:
+        raise BrokerUnreachableError("no MQTT broker for 0.3 s")
+
+    monkeypatch.setattr(recorder._bus, "subscribe", gone)
+    with pytest.raises(BrokerUnreachableError):
+        recorder.close(status)
+    assert deployment.summary()["status"] == written
+    assert deployment.summary()["counters"] == "the clients' own counters, for no MQTT broker for 0.3 s"
 
 
 def test_the_summary_says_why_the_clients_own_counters_feed_the_bill(deployment: Deployment) -> None:

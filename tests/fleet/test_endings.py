@@ -38,6 +38,15 @@ def test_who_printed_nothing_has_a_cause_or_a_place_to_look(code: int, told: str
     assert ending("agent-1", code, log).endswith(f"it printed nothing to {log}")
 
 
+def test_who_could_not_say_that_the_disk_is_full_is_spoken_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fleet.endings.is_full", lambda folder: folder == tmp_path)
+    (log := tmp_path / "datacenter.log").write_text("waiting for round 2\n")
+    told = ending("datacenter", 5, log)
+    assert told.endswith(f"; no space left on {tmp_path}; make room, then go on from what is there")
+    log.write_text("data center: no space left on state.0 (0.1 MB needed)\n")
+    assert ending("datacenter", 5, log).count("no space left") == 1
+
+
 def test_a_log_that_is_gone_is_told(tmp_path: Path) -> None:
     told = ending("agent-1", 5, tmp_path / "moved" / "agent-1.log")
     assert told.endswith("agent-1.log is gone; was the run directory moved or removed?")
