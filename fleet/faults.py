@@ -77,6 +77,8 @@ class Site:
     """The run directory."""
     disk: RamDisk | None = None
     """Where that is on a disk of its own."""
+    here: tuple[int, ...] = ()
+    """Robots that have not left yet; empty: not known."""
     told: tuple[int, ...] = ()
     """Robots that have told of a round."""
     heard: dict[str, Message] = field(default_factory=dict)
@@ -110,7 +112,7 @@ class Site:
 
 def inject(kind: FaultKind, site: Site) -> str | None:
     """Do it; returns whom it was done to, None where there is nobody yet. How a run is ended is up to who runs it."""
-    robot = f"agent-{site.rng.choice(site.scenario.agents)}"
+    robot = f"agent-{site.rng.choice(site.here or site.scenario.agents)}"
     match kind:
         case "robot killed":
             return _signal(site, robot, signal.SIGKILL)

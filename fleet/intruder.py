@@ -88,6 +88,8 @@ class Chaos:
     def tick(self) -> None:
         """Inject a fault of the phase that the run is in, and see whether the last one has been got over."""
         self._rows = self._recorder.rows
+        waiting = self._recorder.waiting_for
+        self._site.here = tuple(agent for agent in self.scenario.agents if f"agent-{agent}" in waiting)
         self._site.told = tuple(sorted({row.agent for row in self._rows if row.agent}))
         self._site.tick()
         now_s, phase = time.monotonic(), self.phase
@@ -168,7 +170,7 @@ class Chaos:
         elif fault.kind in TWINS:
             fault.note = "has left before"
         if fault.kind in ENDED_BY_AN_ERROR and self.ending is fault:
-            fault.note = f"{FAILED}noticed"
+            fault.note = "had no more to write" if self.disk is None else f"{FAILED}noticed"
         if fault.phase == "leaving":
             self._close(fault)
 
