@@ -102,8 +102,7 @@ class Chaos:
     def tick(self) -> None:
         """Inject a fault of the phase that the run is in, and see whether the last one has been got over."""
         self._rows = self._recorder.rows
-        waiting = self._recorder.waiting_for
-        self._site.here = tuple(agent for agent in self.scenario.agents if f"agent-{agent}" in waiting)
+        self._site.here = tuple(self._recorder.waiting_for)
         self._site.told = tuple(sorted({row.agent for row in self._rows if row.agent}))
         self._site.tick()
         now_s, phase = time.monotonic(), self.phase

@@ -94,7 +94,7 @@ def test_without_a_disk_of_its_own_no_file_of_a_robot_may_grow(deployment: Deplo
 
 
 def test_who_has_left_is_left_alone(deployment: Deployment) -> None:
-    deployment.site.here = (3,)
+    deployment.site.here = ("agent-3", "datacenter")
     assert inject("robot killed", deployment.site) == "agent-3"
 
 
