@@ -53,7 +53,7 @@ def run_chaos(
     done: list[Fault] = []
     idle = 0
     for number in itertools.count(1):
-        chaos = Chaos(scenario, options, out / f"disturbed-{number}", left, pause_s, rng, rows_in)
+        chaos = Chaos(scenario, options, out / f"disturbed-{number}", left, pause_s, rng, rows_in, idle=idle)
         with _disk_for(chaos) as chaos.disk:
             _run_disturbed(chaos, console)
         identical = outcome(chaos.path) == expected

@@ -77,6 +77,8 @@ class Site:
     """The run directory."""
     disk: RamDisk | None = None
     """Where that is on a disk of its own."""
+    here: tuple[str, ...] = ()
+    """Processes that have not left yet; empty: not known."""
     told: tuple[int, ...] = ()
     """Robots that have told of a round."""
     heard: dict[str, Message] = field(default_factory=dict)
@@ -110,7 +112,8 @@ class Site:
 
 def inject(kind: FaultKind, site: Site) -> str | None:
     """Do it; returns whom it was done to, None where there is nobody yet. How a run is ended is up to who runs it."""
-    robot = f"agent-{site.rng.choice(site.scenario.agents)}"
+    robots = [name for name in site.here if name != DATA_CENTER]
+    robot = site.rng.choice(robots or [f"agent-{agent}" for agent in site.scenario.agents])
     match kind:
         case "robot killed":
             return _signal(site, robot, signal.SIGKILL)
@@ -144,7 +147,7 @@ def inject(kind: FaultKind, site: Site) -> str | None:
         case "same run twice":
             return _twin(site, "the run", [*command_of("fleet"), "run", "--resume", str(site.path)])
         case "state torn":
-            return _tear(site, site.rng.choice([robot, DATA_CENTER]) if site.scenario.needs_datacenter else robot)
+            return _tear(site, site.rng.choice([robot, DATA_CENTER]) if DATA_CENTER in site.here else robot)
         case "run interrupted":
             return "everybody"
         case "state lost":

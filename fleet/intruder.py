@@ -24,8 +24,10 @@ PHASE_OF = {"maml": "meta-learning", "fl": "federated"}
 
 # At most, from the beginning of a phase or the last recovery to the next fault. Of what a phase has left of its rows
 # half pass at most, so that a fast machine is not through with it before the fault.
-_DELAY_S = {"starting": 1.0, "meta-learning": 1.0, "federated": 2.0, "leaving": 0.5}
+_DELAY_S = {"starting": 1.0, "meta-learning": 1.0, "federated": 2.0, "leaving": 0.1}
 _SHARE_OF_ROWS = 0.5
+_TICK_S, _LATE_TICK_S = 0.2, 0.01
+_LATE = 0.25  # so much of the rows is left from where processes may leave at any moment
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class Chaos:
     """Rows of each phase of the undisturbed run."""
     disk: RamDisk | None = None
     """What the run directory is on, if on a disk of its own."""
+    idle: int = 0
+    """How many runs before this one were over before any fault."""
     done: list[Fault] = field(default_factory=list)
     ending: Fault | None = None
     """The fault that is to end the run, which is gone on with then."""
@@ -62,6 +66,16 @@ class Chaos:
     _due: Due | None = None
     _rows: list[RoundRow] = field(default_factory=list)
     """As they were at the beginning of this tick: the recorder reads them from its file."""
+
+    @property
+    def tick_s(self) -> float:
+        """Leaving takes a moment only, which must not be missed."""
+        return _LATE_TICK_S if self._left <= _LATE * sum(self.rows_in.values()) else _TICK_S
+
+    @property
+    def _left(self) -> int:
+        """Rows that are to come."""
+        return sum(self.rows_in.values()) - len(self._rows)
 
     @property
     def run(self) -> str:
@@ -88,6 +102,7 @@ class Chaos:
     def tick(self) -> None:
         """Inject a fault of the phase that the run is in, and see whether the last one has been got over."""
         self._rows = self._recorder.rows
+        self._site.here = tuple(self._recorder.waiting_for)
         self._site.told = tuple(sorted({row.agent for row in self._rows if row.agent}))
         self._site.tick()
         now_s, phase = time.monotonic(), self.phase
@@ -121,9 +136,8 @@ class Chaos:
         """Where the run is, by its newest row, and by how far robots say that they have come."""
         if not self._rows:
             return "starting"
-        left = sum(self.rows_in.values()) - len(self._rows)
         come = min(self._recorder.stages.get(f"agent-{agent}", 0) for agent in self.scenario.agents)
-        is_last = come >= 2 * len(self.scenario.arms) or left <= len(self.scenario.agents)
+        is_last = come >= 2 * len(self.scenario.arms) or self._left <= len(self.scenario.agents)
         return "leaving" if is_last else PHASE_OF[self._rows[-1].phase]
 
     def _rows_of(self, phase: str) -> int:
@@ -133,7 +147,7 @@ class Chaos:
         so_far = self._rows_of(phase)
         left = self.rows_in.get(phase, 0) - so_far
         rows = so_far + self.rng.uniform(0, _SHARE_OF_ROWS) * left if left > 0 else math.inf
-        return Due(phase, now_s + self.rng.uniform(0, _DELAY_S[phase]), rows)
+        return Due(phase, now_s + self.rng.uniform(0, _DELAY_S[phase] / 4**self.idle), rows)
 
     def _look_at(self, fault: Fault) -> None:
         if self.ending is not None:
@@ -168,7 +182,7 @@ class Chaos:
         elif fault.kind in TWINS:
             fault.note = "has left before"
         if fault.kind in ENDED_BY_AN_ERROR and self.ending is fault:
-            fault.note = f"{FAILED}noticed"
+            fault.note = "had no more to write" if self.disk is None else f"{FAILED}noticed"
         if fault.phase == "leaving":
             self._close(fault)
 

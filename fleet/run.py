@@ -54,11 +54,15 @@ _WAIT_FOR_CHILDREN_S = 10.0
 class Intruder(Protocol):
     """Who does harm to a deployment on purpose (see fleet/intruder.py)."""
 
+    @property
+    def tick_s(self) -> float:
+        """How long it may be until the next `tick`."""
+
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
         """The broker's URL as the processes are to know it."""
 
     def tick(self) -> None:
-        """Called a few times a second while the run goes on."""
+        """Called again and again while the run goes on."""
 
 
 def new_run_id(scenario: Scenario) -> str:
@@ -343,7 +347,7 @@ def _watch(
 ) -> None:
     with View(console, scenario, recorder) as view:
         while recorder.waiting_for:
-            recorder.pump(_PUMP_S)
+            recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
             recorder.check()
             if launcher is not None:
                 launcher.check()

@@ -65,6 +65,16 @@ def test_a_run_is_leaving_when_all_robots_are_done_or_the_last_round_is_coming(
     assert chaos.phase == phase
 
 
+def test_the_end_of_a_run_is_looked_at_more_often(tmp_path: Path) -> None:
+    chaos = Chaos(
+        load_scenario(TOY), [], tmp_path / "r", [], 1.0, random.Random(1), {"meta-learning": 8, "federated": 12}
+    )
+    chaos._rows = [row("fl", 1, 1)] * 14  # 6 of 20 are left
+    assert chaos.tick_s == 0.2
+    chaos._rows = [row("fl", 1, 1)] * 15
+    assert chaos.tick_s == 0.01
+
+
 def test_the_memories_of_motions_are_written_over_after_a_few_rounds() -> None:
     scenario = load_scenario(TOY)  # 10 motions a round, of 500 that are kept; the data center keeps 5000
     assert wrapping(scenario) == ["learning.replay_size=10", "meta.replay_size=10"]

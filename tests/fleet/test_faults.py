@@ -93,6 +93,11 @@ def test_without_a_disk_of_its_own_no_file_of_a_robot_may_grow(deployment: Deplo
     assert deployment.said.readline() == b"27\n"  # EFBIG
 
 
+def test_who_has_left_is_left_alone(deployment: Deployment) -> None:
+    deployment.site.here = ("agent-3", "datacenter")
+    assert inject("robot killed", deployment.site) == "agent-3"
+
+
 def test_a_lost_state_is_one_of_a_robot_that_has_told_of_a_round(deployment: Deployment) -> None:
     assert inject("state lost", deployment.site) is None
     deployment.site.told = (3,)

@@ -88,6 +88,8 @@ def test_a_run_of_which_everything_was_killed_is_gone_on_with_to_the_same_end(
 class Killer:
     """An intruder who kills some processes, each when the federated phase has come to its second round."""
 
+    tick_s = 0.2
+
     def __init__(self, *names: str) -> None:
         self.names, self.left = names, list(names)
 
@@ -153,18 +155,18 @@ def test_a_broker_that_is_killed_before_it_has_told_its_counters_comes_back_and_
 
 
 def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) -> None:
-    # In turn, each time in another phase; robots that are killed are in the tests above.
+    # Each in another phase, so that one run takes them all; robots that are killed are in the tests above.
     kinds = ("state torn", "state lost", "disk full", "broker killed")
     chosen = [part for kind in kinds for part in ("--kind", kind)]
-    options = ("--faults", "6", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))
+    options = ("--faults", "4", "--pause-s", "1", "--seed", "1", "--out", str(tmp_path / "chaos"))
     long_enough = sets((*LONGER, "federation.max_rounds=40"))
     process = start.jouleswarm("chaos", TOY, *options, *chosen, *long_enough, COLUMNS="200")
     assert process.ends(500) == 0, process.printed
-    assert "6 faults, 6 of them in runs with an identical end" in " ".join(process.printed.split())
+    assert "4 faults, 4 of them in runs with an identical end" in " ".join(process.printed.split())
     rows = [row.split(",") for row in (tmp_path / "chaos" / "chaos.csv").read_text().splitlines()[1:]]
     assert {(row[2], row[1]) for row in rows} == {
         ("state torn", "starting"), ("state lost", "meta-learning"), ("disk full", "federated"),
-        ("broker killed", "leaving"), ("state torn", "meta-learning"), ("state lost", "federated"),
+        ("broker killed", "leaving"),
     }  # fmt: skip
     assert {(row[2], row[-1]) for row in rows if row[-1]} == {("state lost", "refused"), ("disk full", "no space left")}
 

@@ -43,6 +43,8 @@ def robot_2_has_gone_on(rows: Rows) -> bool:
 class Hand:
     """An intruder who sends robot 1 signals, each when the rows so far are as it says."""
 
+    tick_s = 0.2
+
     def __init__(self, *plan: tuple[Callable[[Rows], bool], signal.Signals]) -> None:
         self.left = list(plan)
 
