@@ -169,5 +169,5 @@ class RunDirectory:
 
 def computed_on(manifest: dict[str, Any]) -> dict[str, list[str]]:
     """Client -> what it has computed on, one after the other, as a run's manifest has it (see `common.host`)."""
-    noted: dict[str, list[str]] = manifest.get("host", {}).get(_COMPUTED_ON, {})
+    noted: dict[str, list[str]] = (manifest.get("host") or {}).get(_COMPUTED_ON, {})
     return noted

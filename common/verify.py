@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from common.counters import KEYS, read_counters
+from common.errors import RunError
+from common.lines import whole_lines
+from common.rows import RoundRow
 from common.state import StateFile
 
+ROWS = "rounds.jsonl"
 _STATES = ("state.[01]", "task-*.[01]", "seals.[01]")
 
 
@@ -20,3 +26,14 @@ def check_states(folder: Path) -> None:
         StateFile(path, None).load()
     for keys in sorted(folder.rglob(KEYS)):
         read_counters(keys.parent)
+    for rows in sorted(folder.rglob(ROWS)):  # of a stage that is over no state seals them any more
+        _check_rows(rows)
+
+
+def _check_rows(path: Path) -> None:
+    for number, line in enumerate(whole_lines(path, mend=False), start=1):
+        try:
+            RoundRow.model_validate_json(line)
+        except ValidationError as error:
+            told = error.errors(include_url=False)[0]["msg"]
+            raise RunError(f"{path}, line {number}: not as it was written ({told}); begin the run anew") from error

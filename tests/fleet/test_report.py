@@ -137,6 +137,12 @@ def test_a_row_that_stands_twice_is_refused_and_not_billed_twice(complete) -> No
         load_run(complete)
 
 
+def test_a_manifest_that_says_nothing_of_its_host_is_reported(complete) -> None:
+    manifest = json.loads((complete / MANIFEST).read_text()) | {"host": None, "versions": None, "started": None}
+    (complete / MANIFEST).write_text(json.dumps(manifest))
+    report(complete, console=Console(quiet=True))
+
+
 def test_rows_of_a_later_version_are_not_called_damaged(complete) -> None:
     manifest = json.loads((complete / MANIFEST).read_text())
     manifest["versions"]["jouleswarm"] = "0.9.0"

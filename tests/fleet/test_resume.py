@@ -137,6 +137,15 @@ def test_somebody_who_has_lost_all_that_they_had_is_named(name: str, interrupted
     assert started == []
 
 
+def test_rows_of_a_stage_that_is_over_are_looked_through_too(interrupted: Path, started: list[str]) -> None:
+    rows = interrupted / "state" / "datacenter" / "rounds.jsonl"
+    rows.parent.mkdir()
+    rows.write_bytes(b"\xff\xfe{}\n")
+    with pytest.raises(RunError, match=f"{rows}, line 1: not as it was written"):
+        resume(interrupted)
+    assert started == []
+
+
 def test_a_run_that_is_complete_is_told_so(interrupted: Path, started: list[str]) -> None:
     (interrupted / "state").rename(interrupted / "elsewhere")
     with pytest.raises(ConfigurationError, match=r"has no state/: it is complete, or was only recorded"):
