@@ -20,6 +20,7 @@ _CONFIG: dict[str, Any] = {
     "distributed.worker.use-file-locking": False,
 }
 _CONNECT_TIMEOUT_S = 30
+_SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @contextlib.contextmanager
@@ -34,15 +35,28 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
             with _client_of(scheduler) as client:
                 yield client
         else:
-            with _local_cluster(workers) as cluster, Client(cluster) as client:
+            with _safe_path(), _local_cluster(workers) as cluster, Client(cluster) as client:
                 yield client
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """The current folder is not for the workers, also for those that Dask starts again: a `random.py` there is not
+    Python's. Whatever else this process starts later is not concerned."""
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = before or "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 def _local_cluster(workers: int) -> LocalCluster:
     # A Ctrl-C at the terminal is for this process alone, which ends its workers itself. What is started here,
-    # threads and processes, inherits the mask. The tracker comes first: it lets SIGINT through again. Nor is the
-    # current folder for them: a `random.py` there is not Python's.
-    os.environ.setdefault("PYTHONSAFEPATH", "1")
+    # threads and processes, inherits the mask. The tracker comes first: it lets SIGINT through again.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

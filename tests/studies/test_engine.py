@@ -182,3 +182,12 @@ def test_workers_are_processes_that_a_ctrl_c_at_the_terminal_does_not_reach() ->
 def test_a_scheduler_that_is_not_there_is_told() -> None:
     with pytest.raises(StudyError, match=r"no Dask scheduler answered at 'nonsense://x'"), connected("nonsense://x", 1):
         pass
+
+
+def test_workers_do_not_look_into_the_current_folder_and_this_process_goes_on_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    with connected(None, 1) as client:
+        assert client.submit(os.environ.get, "PYTHONSAFEPATH").result() == "1"
+    assert "PYTHONSAFEPATH" not in os.environ
