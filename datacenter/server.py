@@ -14,6 +14,7 @@ from common.bus import Bus, Message
 from common.host import PROCESSOR, arithmetic
 from common.identity import Identity
 from common.listener import Listener
+from common.lock import LOCK
 from common.methods import EXACT_METHODS, META_METHODS, Method
 from common.patience import Patience
 from common.payloads import ModelHeader, Presence, decode_json
@@ -139,8 +140,8 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
     for checkpoint in checkpoints.values():
         checkpoint.clear()
     if state is not None:
-        own = (state / "rounds.jsonl", state / PROCESSOR, *state.glob("counters*"), *state.glob(f"*{HANDED_IN}"))
-        for path in own:
+        own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
+        for path in (path for each in own for path in state.glob(each)):
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()

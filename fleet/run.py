@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 
@@ -36,7 +36,7 @@ from fleet.launcher import Launcher
 from fleet.learning import check_learning
 from fleet.packages import command_of
 from fleet.preflight import check_largest_message
-from fleet.recorder import CLIENT, Recorder
+from fleet.recorder import CLIENT, Recorder, Status
 from fleet.report_data import other_version, read_manifest
 from fleet.resume import check_is_there
 from fleet.stopping import telling_what_is_kept
@@ -319,7 +319,7 @@ def _recording(
     )
     check_largest_message(bus, scenario, run)
     recorder = Recorder(bus, scenario, run, directory, state)
-    status: Literal["complete", "interrupted", "failed"] = "failed"
+    status: Status = "failed"
     try:
         yield recorder
         check_learning(scenario, directory.rows)
@@ -334,7 +334,7 @@ def _recording(
             # What ended the run is worth more than that its end could not be told to a broker that is gone.
             if status == "complete":
                 raise
-            console.print(f"the run directory has no final counters: {error}", highlight=False)
+            console.print(f"no final counters from the broker: {error}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _watch(

@@ -22,6 +22,7 @@ from common.streams import WeightsDecoder, WeightsEncoder
 from datacenter.central import CentralLearner
 from datacenter.cluster_desk import ClusterDesk, Service, Turn
 from datacenter.parameter_server import ParameterServer
+from datacenter.server import _forget
 
 Make = Callable[..., Any]
 CODECS: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")
@@ -128,3 +129,16 @@ def test_a_desk_goes_on_with_the_next_round_and_the_last_answer(make_scenario: M
     message = robots.receive(0.001)
     assert message is not None
     assert message.payload == b"answer"
+
+
+def test_what_a_data_center_kept_is_gone_with_its_folder_and_nothing_of_others(tmp_path: Path) -> None:
+    own = ("rounds.jsonl", "processor", ".lock", "counters.keys", "counters-0.bin", "recorder.handed-in")
+    for folder in ("alone", "shared"):
+        (tmp_path / folder).mkdir()
+        for name in own:
+            (tmp_path / folder / name).touch()
+    (tmp_path / "shared" / "somebody-elses").touch()
+    for folder in ("alone", "shared"):
+        _forget(tmp_path / folder, {})
+    assert [path.name for path in tmp_path.iterdir()] == ["shared"]
+    assert [path.name for path in (tmp_path / "shared").iterdir()] == ["somebody-elses"]
