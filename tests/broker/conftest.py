@@ -42,6 +42,11 @@ class BrokerProcess:
     def event(self, name: str) -> float:
         return self.scrape().get(f'jouleswarm_broker_events_total{{event="{name}"}}', 0.0)
 
+    def counted(self, name: str, times: float) -> None:
+        """A client may see its connection closed before the broker has counted why."""
+        wait_until(lambda: self.event(name) >= times, f"{name} counted {times} times")
+        assert self.event(name) == times, name
+
 
 def varint(length: int) -> bytes:
     digits = bytearray()

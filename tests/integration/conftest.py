@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -42,7 +43,12 @@ def sets(*overrides: str) -> list[str]:
 def on_the_wire(saved: bytes, robots: int = 2) -> bytes:
     """A model of the run directory as it went to neighbours."""
     fields = check_model(saved).model_dump(include=set(ModelHeader.model_fields) - {"schema_"})
-    return encode_model(safetensors.numpy.load(saved), ModelHeader.model_validate(fields), robots)
+    tensors = safetensors.numpy.load(saved)
+    # The library gives them in random order, and the length of the header's offsets depends on the order.
+    (length,) = struct.unpack_from("<Q", saved)
+    in_order = [name for name in json.loads(saved[8 : 8 + length]) if name != "__metadata__"]
+    ordered = {name: tensors[name] for name in in_order}
+    return encode_model(ordered, ModelHeader.model_validate(fields), robots)
 
 
 def free_port() -> int:
