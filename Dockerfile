@@ -26,8 +26,7 @@ COPY agents /source/agents
 COPY broker /source/broker
 COPY common /source/common
 COPY datacenter /source/datacenter
-COPY fleet /source/fleet
-COPY studies /source/studies
+COPY jouleswarm /source/jouleswarm
 RUN /opt/venv/bin/pip install --quiet --no-deps --prefix /package /source
 
 FROM python:3.11-slim-bookworm

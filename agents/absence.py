@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from common.settings import Federation
+from jouleswarm.common.scenario.sections import Federation
 
 
 class Absence:

@@ -9,25 +9,25 @@ from __future__ import annotations
 import logging
 import time
 
-from agents.centralized import follow
-from agents.exchange import Exchange
-from agents.explorer import Explorer
-from agents.memory import Memory
-from agents.metalink import MetaLink
-from agents.neighbourhood import neighbourhood_of
-from agents.sharing import sharing_of
-from common.bus import Bus
-from common.learner import Learner, Weights
-from common.metaheads import head_of, meta_shapes, start_of
-from common.methods import META_METHODS, SERVED_METHODS, Arm
-from common.payloads import ModelHeader
-from common.qnetwork import build_qnetwork, shapes_of, to_weights, use_of
-from common.rewards import RewardLedger
-from common.runlog import RoundRow
-from common.savedmodel import encode_saved_model
-from common.scenario import Scenario
-from common.seeding import integer, stream
-from common.state import NOTHING, Keep, Stateful
+from jouleswarm.agents.centralized import follow
+from jouleswarm.agents.explorer import Explorer
+from jouleswarm.agents.memory import Memory
+from jouleswarm.agents.meta_stage import MetaLink
+from jouleswarm.agents.neighbourhood import neighbourhood_of
+from jouleswarm.agents.peers import Exchange
+from jouleswarm.agents.sharing import sharing_of
+from jouleswarm.common.bus.bus import Bus
+from jouleswarm.common.disk.state import NOTHING, Keep, Stateful
+from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import integer, stream
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.saved_models import encode_saved_model
+from jouleswarm.learning.heads import head_of, meta_shapes, start_of
+from jouleswarm.learning.learner import Learner, Weights
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights, use_of
+from jouleswarm.methods.ledger import RewardLedger
 
 log = logging.getLogger("jouleswarm.agent")
 

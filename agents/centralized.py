@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import time
 
-from agents.exchange import Exchange
-from agents.explorer import Explorer
-from agents.memory import Memory
-from agents.served import ServerLink
-from common.learner import Policy, Weights
-from common.methods import Arm
-from common.payloads import Episode, ModelHeader
-from common.qnetwork import use_of
-from common.rewards import RewardLedger
-from common.runlog import RoundRow
-from common.savedmodel import encode_saved_model
-from common.scenario import Scenario
-from common.state import Stateful
+from jouleswarm.agents.explorer import Explorer
+from jouleswarm.agents.memory import Memory
+from jouleswarm.agents.peers import Exchange
+from jouleswarm.agents.served import ServerLink
+from jouleswarm.common.disk.state import Stateful
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.messages import Episode, ModelHeader
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.saved_models import encode_saved_model
+from jouleswarm.learning.learner import Policy, Weights
+from jouleswarm.learning.networks import use_of
+from jouleswarm.methods.ledger import RewardLedger
 
 
 def follow(

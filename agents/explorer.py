@@ -9,20 +9,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from agents.environment import LandmarksEnv
-from agents.tasks import ACTIONS, move, rmse_m, start_cells, table_policy, task_table
-from common.dqn import epsilon_greedy
-from common.experience import encode_experience
-from common.frames import resize
-from common.learner import Learner, Policy
-from common.maps import Cell
-from common.payloads import MotionHeader
-from common.savedmodel import Evaluation
-from common.scenario import Scenario
-from common.seeding import integer, stream
-from common.settings import Starts
-from common.state import State, generator_state, load_generator
-from common.work import Tally
+from jouleswarm.codecs.frames import resize
+from jouleswarm.codecs.observations import encode_experience
+from jouleswarm.common.disk.state import State, generator_state, load_generator
+from jouleswarm.common.meter.work import Tally
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Starts
+from jouleswarm.common.seeding import integer, stream
+from jouleswarm.common.wire.messages import MotionHeader
+from jouleswarm.common.wire.saved_models import Evaluation
+from jouleswarm.environments.landmarks.environment import LandmarksEnv
+from jouleswarm.environments.landmarks.maps import Cell
+from jouleswarm.environments.landmarks.tasks import ACTIONS, move, rmse_m, start_cells, table_policy, task_table
+from jouleswarm.learning.dqn import epsilon_greedy
+from jouleswarm.learning.learner import Learner, Policy
 
 Frame = npt.NDArray[np.uint8]
 
@@ -72,7 +72,7 @@ class Explorer:
         self._frame, self._is_under_way = None, False
 
     def state(self) -> State:
-        """Where `begin` and what came after it have led to (see `common.state.Stateful`)."""
+        """Where `begin` and what came after it have led to (see `common.disk.state.Stateful`)."""
         arrays = {} if self._frame is None else {"frame": self._frame}
         values = {"rng": generator_state(self._rng), "evaluation": self._evaluation.state(), "env": self._env.state()}
         return State(arrays, {**values, "under_way": self._is_under_way})

@@ -9,17 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from common.counters import KEYS
-from common.errors import RunError
-from common.host import PROCESSOR
-from common.learner import Weights
-from common.lines import whole_lines
-from common.lock import LOCK
-from common.meter import Meter
-from common.reports import HANDED_IN
-from common.scenario import CHANGES_NOTHING, Scenario
-from common.seals import Growing
-from common.state import STATE_FILE, Keep, State, StateFile, Stateful
+from jouleswarm.common.bus.reporter import HANDED_IN
+from jouleswarm.common.disk.lines import whole_lines
+from jouleswarm.common.disk.lock import LOCK
+from jouleswarm.common.disk.seals import Growing
+from jouleswarm.common.disk.state import STATE_FILE, Keep, State, StateFile, Stateful
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.host import PROCESSOR
+from jouleswarm.common.meter.counters import KEYS
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.scenario import CHANGES_NOTHING, Scenario
+from jouleswarm.learning.learner import Weights
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
 _OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}", PROCESSOR, LOCK)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import networkx as nx
 
-from common.methods import SERVED_METHODS, Method
-from common.scenario import Scenario
-from common.seeding import integer
-from common.topology import cluster_graph
+from jouleswarm.common.scenario.arms import SERVED_METHODS, Method
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import integer
+from jouleswarm.methods.graph import cluster_graph
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from agents.exchange import Exchange, names
-from common import topics
-from common.bus import Message
-from common.codecs import Tensors, Weights
-from common.errors import PayloadError
-from common.payloads import Episode, ModelHeader, RoundRequest, decode_json, encode_json
-from common.state import State
+from jouleswarm.agents.peers import Exchange, names
+from jouleswarm.codecs.codec import Tensors, Weights
+from jouleswarm.common.bus.bus import Message
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Episode, ModelHeader, RoundRequest, decode_json, encode_json
 
 Model = tuple[Weights, ModelHeader]
 
@@ -94,11 +94,11 @@ class ServerLink:
         self._exchange.awaited_round = 0
 
     def state(self) -> State:
-        """See `common.state.Stateful`."""
+        """See `common.disk.state.Stateful`."""
         return State.of({"decoder": self._decoder.state(), "link": State(values={"taken": self._taken})})
 
     def load_state(self, state: State) -> None:
-        """See `common.state.Stateful`."""
+        """See `common.disk.state.Stateful`."""
         self._decoder.load_state(state.part("decoder"))
         self._taken = self._round = state.part("link").values["taken"]
         self._is_back = True

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from agents.consensus import Weights, default_step, mix, mixing_weights
-from agents.exchange import Arrived, Exchange
-from agents.served import ServerLink
-from common.methods import Arm
-from common.payloads import ModelHeader
-from common.scenario import Scenario
-from common.state import State
+from jouleswarm.agents.peers import Arrived, Exchange
+from jouleswarm.agents.served import ServerLink
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.methods.consensus import Weights, default_step, mix, mixing_weights
 
 
 class Sharing(Protocol):
@@ -23,10 +23,10 @@ class Sharing(Protocol):
         """The round's mixed model, from this robot's own `weights`."""
 
     def state(self) -> State:
-        """See `common.state.Stateful`; the exchange's own is apart."""
+        """See `common.disk.state.Stateful`; the exchange's own is apart."""
 
     def load_state(self, state: State) -> None:
-        """See `common.state.Stateful`."""
+        """See `common.disk.state.Stateful`."""
 
 
 class Consensus:

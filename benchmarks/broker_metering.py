@@ -12,10 +12,10 @@ import time
 
 import psutil
 
-from benchmarks.broker_start import embedded
 from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, fan_out
-from broker.meter import BrokerMeter
-from common.mqtt import MqttBus, wire_id
+from benchmarks.brokers import embedded
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.common.bus.mqtt import MqttBus, wire_id
 
 TOPIC = f"{RUN}/ul/1/1/experience"
 

@@ -22,8 +22,8 @@ from typing import Any
 
 import psutil
 
-from benchmarks.broker_start import embedded, mosquitto
-from common.mqtt import MqttBus
+from benchmarks.brokers import embedded, mosquitto
+from jouleswarm.common.bus.mqtt import MqttBus
 
 WEIGHTS_BYTES = 5_565_072
 FRAME_BYTES = 1_228_800

@@ -19,11 +19,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.in_memory import run_in_memory
-from common.process import use_one_thread
-from common.runlog import ROUNDS, RoundRow
-from common.scenario import load_scenario
-from fleet.run import run_deployment
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.deploy import run_deployment
+from jouleswarm.runs.directory import ROUNDS
+from jouleswarm.simulation import run_in_memory
 
 SCENARIO = "scenarios/paper.toml"
 SETTINGS = ['methods=["fl"]', "federation.target_reward=1e9"]

@@ -17,10 +17,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from common.learner import Learner
-from common.process import use_one_thread
-from common.qnetwork import build_qnetwork, observations, to_weights
-from common.settings import Learning, Network
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.sections import Learning, Network
+from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.networks import build_qnetwork, observations, to_weights
 
 STEPS, REPEATS = 10, 7
 

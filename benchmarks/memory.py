@@ -14,11 +14,11 @@ from pathlib import Path
 
 import psutil
 
-from common import topics
-from common.mqtt import MqttBus
-from common.payloads import Presence, decode_json
-from common.scenario import load_scenario
-from fleet.launcher import Launcher
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, decode_json
+from jouleswarm.fleet.launcher import Launcher
 
 SCENARIO = "scenarios/paper.toml"
 SAMPLE_S = 0.5
@@ -38,7 +38,7 @@ def main() -> None:
         options = ["--broker", url, "--run", "memory", "--scenario", str(Path(SCENARIO).resolve())]
         options += [part for each in overrides for part in ("--set", each)]
         for agent in scenario.agents:
-            launcher.start(f"agent-{agent}", "agents", ["--id", str(agent), *options])
+            launcher.start(f"agent-{agent}", "jouleswarm.agents", ["--id", str(agent), *options])
         here: set[int] = set()
         while here != set(scenario.agents):
             message = bus.receive()
@@ -53,7 +53,7 @@ def main() -> None:
             f"a robot before replay: PSS {shares[0]:.0f} to {shares[-1]:.0f} MB, USS {own[0]:.0f} to {own[-1]:.0f} MB"
         )
 
-        launcher.start("datacenter", "datacenter", options)
+        launcher.start("datacenter", "jouleswarm.datacenter", options)
         peak = 0.0
         while any(robot.is_running() and robot.status() != psutil.STATUS_ZOMBIE for robot in robots):
             peak = max(peak, sum(_pss_mb(pid) for pid in launcher.pids.values()))

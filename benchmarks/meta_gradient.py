@@ -9,9 +9,9 @@ import argparse
 import csv
 from pathlib import Path
 
-from common.process import use_one_thread
-from common.scenario import load_scenario
-from datacenter.beta import measure_beta
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.datacenter.beta import measure_beta
 
 _COLUMNS = ("method", "inner_steps", "exact_s", "first_order_s", "ratio", "beta_time", "beta_flops")
 

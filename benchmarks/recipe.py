@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from benchmarks.in_memory import run_in_memory
-from common.process import use_one_thread
-from common.runlog import RoundRow
-from common.scenario import Scenario, load_scenario
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.simulation import run_in_memory
 
 # Changes to the data center alone, and changes to the robots' own learning, which the arm without transfer has too.
 META_ONLY = {

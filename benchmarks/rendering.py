@@ -14,10 +14,10 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from agents.camera import Camera, shared_obstacles
-from agents.scene import build_scene, cast
-from common.frames import resize
-from common.scenario import load_scenario
+from jouleswarm.codecs.frames import resize
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
+from jouleswarm.environments.landmarks.scene import build_scene, cast
 
 
 def per_second(work: Callable[[int], object], count: int) -> float:

@@ -13,10 +13,10 @@ import os
 import statistics
 from multiprocessing.connection import Connection
 
-from benchmarks.broker_start import embedded, mosquitto
 from benchmarks.broker_throughput import WEIGHTS_BYTES, Crew
-from common import topics
-from common.mqtt import MqttBus
+from benchmarks.brokers import embedded, mosquitto
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.wire import topics
 
 ROBOTS = 4
 PUBACK_BYTES = 4

@@ -140,7 +140,7 @@ def messages_amiss(folder: Path) -> list[str]:
 def soak(robots: int, minutes: float, every_s: float, out: Path | None, parent: Path) -> bool:
     """Run, sample, judge; whether all is well."""
     sets = [part for each in (*OVERRIDES, f"federation.robots_per_cluster={robots // 2}") for part in ("--set", each)]
-    command = [sys.executable, "-m", "fleet", "run", str(TOY), "--out", str(parent), "--run-id", "soak", *sets]
+    command = [sys.executable, "-m", "jouleswarm", "run", str(TOY), "--out", str(parent), "--run-id", "soak", *sets]
     with (parent / "output.txt").open("wb") as output:
         run = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
     try:

@@ -17,10 +17,10 @@ from multiprocessing.connection import Connection
 
 import psutil
 
-from benchmarks.broker_start import embedded
 from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, Crew
-from benchmarks.hostile_packets import connect, subscribe
-from common.mqtt import MqttBus, parse_url
+from benchmarks.brokers import embedded
+from fuzz.hostile_packets import connect, subscribe
+from jouleswarm.common.bus.mqtt import MqttBus, parse_url
 
 MEGABYTE = 1024 * 1024
 

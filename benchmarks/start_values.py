@@ -21,15 +21,15 @@ from typing import NamedTuple
 import numpy as np
 from safetensors.numpy import load
 
-from agents.environment import LandmarksEnv
-from agents.tasks import action_values, start_cells
-from benchmarks.in_memory import run_in_memory
-from common.frames import resize
-from common.learner import Policy, Weights
-from common.metaheads import start_of
-from common.process import use_one_thread
-from common.qnetwork import build_qnetwork, to_weights
-from common.scenario import Scenario, load_scenario
+from jouleswarm.codecs.frames import resize
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.environments.landmarks.environment import LandmarksEnv
+from jouleswarm.environments.landmarks.tasks import action_values, start_cells
+from jouleswarm.learning.heads import start_of
+from jouleswarm.learning.learner import Policy, Weights
+from jouleswarm.learning.networks import build_qnetwork, to_weights
+from jouleswarm.simulation import run_in_memory
 
 _TIE = 1e-6
 

@@ -15,13 +15,13 @@ import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from benchmarks.broker_start import embedded
 from benchmarks.broker_throughput import WEIGHTS_BYTES
-from common import topics
-from common.keys import Credentials, credentials_of
-from common.mqtt import MqttBus
-from common.scenario import load_scenario
-from fleet.keys import make_keys
+from benchmarks.brokers import embedded
+from jouleswarm.common.bus.credentials import Credentials, credentials_of
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.fleet.keys import make_keys
 
 TOPIC = topics.weights("bench", "fl", 1, 1)
 WARM_UP = 3

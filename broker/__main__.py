@@ -11,12 +11,12 @@ from typing import Annotated, Any
 
 import typer
 
-from broker.limits import MEGABYTE, Limits
-from broker.protection import protection_of, warning_of
-from broker.server import Addresses, Settings, run
-from common.broker_url import DEFAULT_PORT, DEFAULT_TLS_PORT
-from common.errors import usable
-from common.process import one_line_errors
+from jouleswarm.broker.limits import MEGABYTE, Limits
+from jouleswarm.broker.protection import protection_of, warning_of
+from jouleswarm.broker.server import Addresses, Settings, run
+from jouleswarm.common.bus.address import DEFAULT_PORT, DEFAULT_TLS_PORT
+from jouleswarm.common.errors import usable
+from jouleswarm.common.process import one_line_errors
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 

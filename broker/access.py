@@ -13,10 +13,10 @@ from typing import Any
 from argon2 import PasswordHasher, Type, extract_parameters
 from argon2.exceptions import Argon2Error, InvalidHashError
 
-from broker.rights import Access, Rights, Rule, parse_rights, permits, permits_filter
-from common import topics
-from common.errors import ConfigurationError
-from common.mqtt_client import name_of
+from jouleswarm.broker.rights import Access, Rights, Rule, parse_rights, permits, permits_filter
+from jouleswarm.common.bus.paho_client import name_of
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire import topics
 
 # Return codes of CONNACK (MQTT 3.1.1, section 3.2.2.3).
 UNAVAILABLE, BAD_CREDENTIALS, NOT_AUTHORIZED = 3, 4, 5

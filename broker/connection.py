@@ -7,10 +7,10 @@ import ssl
 
 from amqtt.adapters import WriterAdapter
 
-from broker.inbound import PacketReader
-from broker.limits import Budget, Limits, Turns
-from broker.outbound import PacketWriter
-from broker.tls import TlsPacketReader, shake_hands
+from jouleswarm.broker.inbound import PacketReader
+from jouleswarm.broker.limits import Budget, Limits, Turns
+from jouleswarm.broker.outbound import PacketWriter
+from jouleswarm.broker.tls import TlsPacketReader, shake_hands
 
 SOCKET_BUFFER_BYTES = 512 * 1024
 

@@ -14,19 +14,19 @@ from amqtt.events import BrokerEvents
 from amqtt.session import Session
 from amqtt.utils import gen_client_id
 
-from broker.access import Guard, Refused
-from broker.connection import Connection
-from broker.deliveries import Message
-from broker.errors import MalformedPacket, NotAccepted, PeerGone
-from broker.handler import ClientHandler
-from broker.holdings import Away, Filters, Retained
-from broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
-from broker.meter import BrokerMeter
-from broker.packets import Connect, Subscription, Will, is_filter, parse_connect
-from broker.publication import Publication
-from broker.routes import Routes
-from common import topics
-from common.mqtt_client import name_of
+from jouleswarm.broker.access import Guard, Refused
+from jouleswarm.broker.connection import Connection
+from jouleswarm.broker.deliveries import Message
+from jouleswarm.broker.errors import MalformedPacket, NotAccepted, PeerGone
+from jouleswarm.broker.handler import ClientHandler
+from jouleswarm.broker.holdings import Away, Filters, Retained
+from jouleswarm.broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.packets import Connect, Subscription, Will, is_filter, parse_connect
+from jouleswarm.broker.publication import Publication
+from jouleswarm.broker.routes import Routes
+from jouleswarm.common.bus.paho_client import name_of
+from jouleswarm.common.wire import topics
 
 logger = logging.getLogger("broker")
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from amqtt.session import Session
 
-from broker.connection import Connection
-from broker.errors import MalformedPacket
-from broker.limits import Limits
-from broker.meter import BrokerMeter
-from broker.publication import Publication
+from jouleswarm.broker.connection import Connection
+from jouleswarm.broker.errors import MalformedPacket
+from jouleswarm.broker.limits import Limits
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.publication import Publication
 
 # Packet identifiers have 16 bits; the last few stay free.
 INFLIGHT_LIMIT = 65_000

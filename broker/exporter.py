@@ -8,7 +8,7 @@ from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from broker.core import SwarmBroker
+from jouleswarm.broker.core import SwarmBroker
 
 _LABELS = ("run", "arm", "link", "direction", "client")
 _COUNTERS = (

@@ -21,15 +21,15 @@ from amqtt.mqtt.packet import (
 from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
 
-from broker.connection import Connection
-from broker.deliveries import INFLIGHT_LIMIT, Deliveries
-from broker.errors import MalformedPacket
-from broker.limits import REPLIES
-from broker.packets import Packet, parse_packet_id, parse_publish, parse_subscribe, parse_unsubscribe
-from broker.publication import Publication
+from jouleswarm.broker.connection import Connection
+from jouleswarm.broker.deliveries import INFLIGHT_LIMIT, Deliveries
+from jouleswarm.broker.errors import MalformedPacket
+from jouleswarm.broker.limits import REPLIES
+from jouleswarm.broker.packets import Packet, parse_packet_id, parse_publish, parse_subscribe, parse_unsubscribe
+from jouleswarm.broker.publication import Publication
 
 if TYPE_CHECKING:
-    from broker.core import SwarmBroker
+    from jouleswarm.broker.core import SwarmBroker
 
 # What else the first byte of a packet must hold (section 2.2.2).
 _REQUIRED_FLAGS = {

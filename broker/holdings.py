@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from broker.limits import OVERHEAD_BYTES
+from jouleswarm.broker.limits import OVERHEAD_BYTES
 
 
 class Retained:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import numpy as np
 from amqtt.mqtt.packet import PUBLISH
 
-from broker.errors import MalformedPacket, MessageTooLarge, PeerGone
-from broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limits
-from broker.packets import Packet
+from jouleswarm.broker.errors import MalformedPacket, MessageTooLarge, PeerGone
+from jouleswarm.broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limits
+from jouleswarm.broker.packets import Packet
 
 BUFFER_BYTES = 16 * 1024
 TOPIC_WAIT_S = 0.5

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from broker.refusals import Refusals
-from common.counters import Cell, Counters
-from common.errors import RunError
-from common.meter import Direction, MeterRow, packet_bytes, rows_of
-from common.mqtt_client import name_of
-from common.topics import ROOT, Link, arm_of, link_of, run_of
+from jouleswarm.broker.refusals import Refusals
+from jouleswarm.common.bus.paho_client import name_of
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.counters import Cell, Counters
+from jouleswarm.common.meter.meter import Direction, MeterRow, packet_bytes, rows_of
+from jouleswarm.common.wire.topics import ROOT, Link, arm_of, link_of, run_of
 
 logger = logging.getLogger("broker")
 
@@ -40,7 +40,7 @@ RUNS_MISSED = 1000
 
 
 class BrokerMeter:
-    """The same rows as `common.meter.Meter("broker")`, and running totals that are cheap to read.
+    """The same rows as `common.meter.meter.Meter("broker")`, and running totals that are cheap to read.
 
     `in` is a PUBLISH received whole from a client, `out` one written whole to a subscriber; a delivery that
     was cut off is booked as aborted, never as delivered. Clients go by their plain names. The event loop

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import islice
 
-from broker.limits import REPLIES, Turns
+from jouleswarm.broker.limits import REPLIES, Turns
 
 GATHERED = 64  # packets in one system call
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from amqtt.mqtt.packet import CONNECT
 
-from broker.errors import MalformedPacket, NotAccepted
+from jouleswarm.broker.errors import MalformedPacket, NotAccepted
 
 PROTOCOLS = {"MQTT": 4, "MQIsdp": 3}  # name -> level: MQTT 3.1.1, and 3.1, whose packets are the same
 SEPARATORS = 200  # of levels in a topic, as in Mosquitto

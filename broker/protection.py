@@ -5,10 +5,10 @@ from __future__ import annotations
 import ipaddress
 from pathlib import Path
 
-from broker.access import Guard, load_guard
-from broker.tls import TlsFiles
-from common import keys as folder
-from common.errors import ConfigurationError
+from jouleswarm.broker.access import Guard, load_guard
+from jouleswarm.broker.tls import TlsFiles
+from jouleswarm.common.bus import credentials as folder
+from jouleswarm.common.errors import ConfigurationError
 
 
 def protection_of(

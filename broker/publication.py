@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amqtt.mqtt.packet import PUBLISH, MQTTFixedHeader
 
-from broker.limits import OVERHEAD_BYTES, Budget
+from jouleswarm.broker.limits import OVERHEAD_BYTES, Budget
 
 
 class Publication:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from enum import IntFlag
 from typing import NamedTuple
 
-from common.errors import ConfigurationError
+from jouleswarm.common.errors import ConfigurationError
 
 Levels = tuple[str, ...]
 

@@ -17,18 +17,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from broker.access import Guard
-from broker.connection import Connection
-from broker.core import SwarmBroker
-from broker.exporter import start_exporter
-from broker.limits import Limits
-from broker.meter import BrokerMeter
-from broker.snapshot import SnapshotPublisher
-from broker.tls import TlsFiles
-from common.errors import ConfigurationError, RunError
-from common.lock import Lock
-from common.memory import keep_freed_memory
-from common.mqtt_client import name_of
+from jouleswarm.broker.access import Guard
+from jouleswarm.broker.connection import Connection
+from jouleswarm.broker.core import SwarmBroker
+from jouleswarm.broker.counters import SnapshotPublisher
+from jouleswarm.broker.exporter import start_exporter
+from jouleswarm.broker.limits import Limits
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.tls import TlsFiles
+from jouleswarm.common.allocator import keep_freed_memory
+from jouleswarm.common.bus.paho_client import name_of
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.errors import ConfigurationError, RunError
 
 logger = logging.getLogger("broker")
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from broker.errors import TlsFailed
-from broker.inbound import PacketReader
-from common.errors import ConfigurationError
-from common.tls import TlsSocket
+from jouleswarm.broker.errors import TlsFailed
+from jouleswarm.broker.inbound import PacketReader
+from jouleswarm.common.bus.tls import TlsSocket
+from jouleswarm.common.errors import ConfigurationError
 
 # A fatal alert, protocol_version, as a record by itself (RFC 8446, sections 5.1 and 6.2).
 _PROTOCOL_VERSION = b"\x15\x03\x03\x00\x02\x02\x46"

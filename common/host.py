@@ -12,9 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from common.errors import ConfigurationError
-from common.payloads import MAX_PROCESSOR, Presence
-from common.state import write_whole
+from jouleswarm.common.disk.state import write_whole
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire.messages import MAX_PROCESSOR, Presence
 
 log = logging.getLogger("jouleswarm.host")
 
@@ -125,8 +125,8 @@ def _processor_model() -> str:
     return " ".join([name, *numbers])
 
 
-if __name__ == "__main__":  # for who does not want to load PyTorch: `fleet.run` asks so
-    from common.process import use_one_thread
+if __name__ == "__main__":  # for who does not want to load PyTorch: `fleet.deploy` asks so
+    from jouleswarm.common.process import use_one_thread
 
     use_one_thread()
     print(arithmetic())

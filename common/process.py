@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 from types import FrameType
 
-from common.disk import full_disk_is_told
-from common.errors import JouleSwarmError, RunError, used_up
+from jouleswarm.common.disk.trouble import full_disk_is_told
+from jouleswarm.common.errors import JouleSwarmError, RunError, used_up
 
 STOPPED = 130
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from common.memory import keep_freed_memory
-from common.options import (
+from jouleswarm.common.allocator import keep_freed_memory
+from jouleswarm.common.options import (
     DEFAULT_BROKER,
     BrokerOption,
     DurableOption,
@@ -20,7 +20,7 @@ from common.options import (
     SetOption,
     VerboseOption,
 )
-from common.process import process, use_one_thread
+from jouleswarm.common.process import process, use_one_thread
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
@@ -50,19 +50,19 @@ def main(
     """
     with process("data center", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
-        from common import topics
-        from common.errors import ConfigurationError, RunError, usable
-        from common.host import arithmetic, same_arithmetic
-        from common.keys import credentials_of
-        from common.lock import Lock
-        from common.meter import Meter
-        from common.mqtt import MqttBus
-        from common.payloads import Presence, encode_json
-        from common.scenario import load_scenario
-        from common.state import Keep
-        from common.verify import check_states
-        from datacenter.device import accelerator
-        from datacenter.server import run_datacenter
+        from jouleswarm.common.bus.credentials import credentials_of
+        from jouleswarm.common.bus.mqtt import MqttBus
+        from jouleswarm.common.disk.lock import Lock
+        from jouleswarm.common.disk.state import Keep
+        from jouleswarm.common.disk.verify import check_states
+        from jouleswarm.common.errors import ConfigurationError, RunError, usable
+        from jouleswarm.common.host import arithmetic, same_arithmetic
+        from jouleswarm.common.meter.meter import Meter
+        from jouleswarm.common.scenario.scenario import load_scenario
+        from jouleswarm.common.wire import topics
+        from jouleswarm.common.wire.messages import Presence, encode_json
+        from jouleswarm.datacenter.center import run_datacenter
+        from jouleswarm.learning.device import accelerator
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:

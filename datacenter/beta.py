@@ -16,12 +16,12 @@ import numpy as np
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from common.metaheads import head_of
-from common.qnetwork import build_qnetwork
-from common.replay import Batch
-from common.scenario import Scenario
-from common.seeding import stream
-from datacenter.maml import TensorBatch, make_loss, meta_gradient, to_tensors
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import stream
+from jouleswarm.learning.heads import head_of
+from jouleswarm.learning.meta import TensorBatch, make_loss, meta_gradient, to_tensors
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.replay import Batch
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from common.bus import Payload
-from common.errors import PayloadError
-from common.learner import Learner
-from common.payloads import ModelHeader
-from common.qnetwork import build_qnetwork, to_weights
-from common.scenario import Scenario
-from common.seeding import integer, stream
-from common.state import State
-from common.streams import WeightsEncoder
-from common.work import TallyOf, nobody
-from datacenter.cluster_desk import Turn
-from datacenter.motions import Motion, Walks, read_motion
+from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.common.bus.bus import Payload
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.meter.work import TallyOf, nobody
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import integer, stream
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.datacenter.cluster_rounds import Turn
+from jouleswarm.datacenter.experience import Motion, Walks, read_motion
+from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.networks import build_qnetwork, to_weights
 
 METHOD = "centralized"
 
@@ -57,12 +57,12 @@ class CentralLearner:
         return self._encoders[turn.task].payload(learner.weights(), header), gradients
 
     def state(self, task: int) -> State:
-        """See `datacenter.cluster_desk.Service`."""
+        """See `datacenter.cluster_rounds.Service`."""
         learner, walks, encoder = self._learners[task], self._walks[task], self._encoders[task]
         return State.of({"learner": learner.state(), "walks": walks.state(), "encoder": encoder.state()})
 
     def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_desk.Service`."""
+        """See `datacenter.cluster_rounds.Service`."""
         self._learners[task].load_state(state.part("learner"))
         self._walks[task].load_state(state.part("walks"))
         self._encoders[task].load_state(state.part("encoder"))

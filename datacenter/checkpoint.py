@@ -8,13 +8,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from common.counters import KEYS
-from common.errors import RunError
-from common.lines import whole_lines
-from common.rows import RoundRow
-from common.scenario import CHANGES_NOTHING, Scenario
-from common.seals import Growing, Seal
-from common.state import State, StateFile, Stateful, sync, write_whole
+from jouleswarm.common.disk.lines import whole_lines
+from jouleswarm.common.disk.seals import Growing, Seal
+from jouleswarm.common.disk.state import State, StateFile, Stateful, sync, write_whole
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.counters import KEYS
+from jouleswarm.common.scenario.scenario import CHANGES_NOTHING, Scenario
+from jouleswarm.common.wire.rows import RoundRow
 
 _FINISHED = "finished"
 _BESIDE = ("rounds.jsonl", KEYS)
@@ -26,7 +26,7 @@ class Checkpoint:
     """One method's folder: a state for each part that learns by itself, replaced each round. None remembers nothing."""
 
     def __init__(self, folder: Path | None, owner: str = "", *, durable: bool = False) -> None:
-        """`owner`: see `owner_of`; `durable`: see `common.state.StateFile`."""
+        """`owner`: see `owner_of`; `durable`: see `common.disk.state.StateFile`."""
         self.folder, self._owner, self._durable = folder, owner, durable
         self._files: dict[str, StateFile] = {}
         self._models: dict[str, Seal] = {}

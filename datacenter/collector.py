@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 
-from common import topics
-from common.bus import Message
-from common.errors import PayloadError
-from common.listener import Listener
-from common.payloads import RoundRequest, decode_json, encode_json
-from common.scenario import Scenario
-from datacenter.desk import Desk, names
-from datacenter.motions import Motion, read_motion
+from jouleswarm.common.bus.bus import Message
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_json
+from jouleswarm.datacenter.experience import Motion, read_motion
+from jouleswarm.datacenter.inbox import Desk, names
 
 
 class Collector(Desk):

@@ -10,17 +10,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from common.errors import TrainingError
-from common.metaheads import head_of
-from common.methods import Method
-from common.qnetwork import build_qnetwork
-from common.replay import Replay
-from common.scenario import Scenario
-from common.seeding import integer, stream
-from common.state import State
-from common.work import TallyOf, nobody
-from datacenter.device import compute_device
-from datacenter.maml import (
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.meter.work import TallyOf, nobody
+from jouleswarm.common.scenario.arms import Method
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import integer, stream
+from jouleswarm.datacenter.experience import Motion, Walks
+from jouleswarm.learning.device import compute_device
+from jouleswarm.learning.heads import head_of
+from jouleswarm.learning.meta import (
     Loss,
     Params,
     TensorBatch,
@@ -30,8 +29,9 @@ from datacenter.maml import (
     reptile_gradient,
     to_tensors,
 )
-from datacenter.metamodel import MetaModel
-from datacenter.motions import Motion, Walks
+from jouleswarm.learning.metamodel import MetaModel
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.replay import Replay
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class MetaLearner:
         return self.meta_model.weights()
 
     def state(self) -> State:
-        """See `common.state.Stateful`."""
+        """See `common.disk.state.Stateful`."""
         state = {f"model/{name}": value.detach() for name, value in self._leaves.items()}
         for task, target in self._targets.items():
             state |= {f"target/{task}/{name}": value for name, value in target.items()}
@@ -118,7 +118,7 @@ class MetaLearner:
         return State.of({"learner": tensors, **replays, **walks})
 
     def load_state(self, state: State) -> None:
-        """See `common.state.Stateful`."""
+        """See `common.disk.state.Stateful`."""
         found = {name: torch.from_numpy(np.array(array)) for name, array in state.part("learner").arrays.items()}
         for task, target in self._targets.items():
             for name, value in target.items():

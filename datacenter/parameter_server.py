@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from common.bus import Payload
-from common.codecs import Array, Shapes, Tensors, Weights
-from common.errors import PayloadError
-from common.payloads import ModelHeader, read_model
-from common.qnetwork import build_qnetwork, shapes_of
-from common.rewards import RewardLedger
-from common.scenario import Scenario
-from common.state import State
-from common.streams import WeightsDecoder, WeightsEncoder
-from common.work import TallyOf, nobody
-from datacenter.cluster_desk import Turn
+from jouleswarm.codecs.codec import Array, Shapes, Tensors, Weights
+from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.common.bus.bus import Payload
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.meter.work import TallyOf, nobody
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.messages import ModelHeader, read_model
+from jouleswarm.datacenter.cluster_rounds import Turn
+from jouleswarm.learning.networks import build_qnetwork, shapes_of
+from jouleswarm.methods.ledger import RewardLedger
 
 Arrived = tuple[Tensors, ModelHeader]
 
@@ -75,14 +75,14 @@ class ParameterServer:
         return self._told(turn.task, average, header, list(arrived)), 0
 
     def state(self, task: int) -> State:
-        """See `datacenter.cluster_desk.Service`."""
+        """See `datacenter.cluster_rounds.Service`."""
         decoders = {f"decoder-{agent}": self._decoders[agent].state() for agent in self._clusters[task]}
         untold = State(dict(self._untold.get(task, {})))
         ledger, encoder = self._ledgers[task].state(), self._encoders[task].state()
         return State.of({"ledger": ledger, "encoder": encoder, "untold": untold, **decoders})
 
     def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_desk.Service`."""
+        """See `datacenter.cluster_rounds.Service`."""
         self._ledgers[task].load_state(state.part("ledger"))
         self._encoders[task].load_state(state.part("encoder"))
         if untold := state.part("untold").arrays:

@@ -8,17 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from common.identity import Identity
-from common.listener import Listener
-from common.reports import Reporter
-from common.runlog import RoundRow
-from common.scenario import Scenario
-from common.state import State
-from common.work import TallyOf
-from datacenter.central import CentralLearner
-from datacenter.checkpoint import Checkpoint
-from datacenter.cluster_desk import ClusterDesk, Service
-from datacenter.parameter_server import ParameterServer
+from jouleswarm.common.bus.identity import Identity
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.reporter import Reporter
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.meter.work import TallyOf
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.datacenter.central import CentralLearner
+from jouleswarm.datacenter.checkpoint import Checkpoint
+from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Service
+from jouleswarm.datacenter.parameter_server import ParameterServer
 
 SERVICES: dict[str, Callable[[Scenario, Path | None, TallyOf], Service[Any]]] = {
     "fedavg": ParameterServer,

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from common.scenario import load_scenario
-from fleet.keys import make_keys
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.fleet.keys import make_keys
 
 TOY = Path(__file__).parents[1] / "scenarios" / "toy.toml"
 

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.scenario import load_scenario
+from jouleswarm.common.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = [f"agent-{number}" for number in range(1, 13)]
@@ -115,7 +115,7 @@ def test_keys_are_made_where_the_others_look_for_them(services: dict[str, Any], 
     line = line.replace("$$", "$").replace("/handed/", f"{tmp_path}/handed/")
     # The line itself, with other folders, and without the sleep.
     line = line.replace("/keys/", f"{tmp_path}/").replace("/tmp/made", f"{tmp_path}/made")
-    line = line.replace("jouleswarm ", f"{sys.executable} -m fleet ").replace("exec sleep infinity", "echo stays")
+    line = line.replace("jouleswarm ", f"{sys.executable} -m jouleswarm ").replace("exec sleep infinity", "echo stays")
     settings = {"JOULESWARM_SCENARIO": "scenarios/quick.toml", "JOULESWARM_SET": ""}
     for said in ("certificates for 365 days", "is there already and serves"):
         done = subprocess.run(
@@ -267,7 +267,7 @@ def health(port: int, keys: Path | None = None) -> tuple[int, str]:
 @contextlib.contextmanager
 def broker_process(*options: str) -> Iterator[int]:
     """Port of a real broker process."""
-    command = [sys.executable, "-m", "broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *options]
+    command = [sys.executable, "-m", "jouleswarm.broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *options]
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as broker:
         assert broker.stdin is not None
         assert broker.stdout is not None
@@ -311,7 +311,7 @@ def test_a_port_nobody_listens_on_is_not_healthy() -> None:
 
 def test_the_recorder_says_when_it_listens_and_a_stop_leaves_a_readable_run(broker_port: int, tmp_path: Path) -> None:
     ready = tmp_path / "ready"
-    command = [sys.executable, "-m", "fleet", "record", "--ready-file", str(ready), "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "jouleswarm", "record", "--ready-file", str(ready), "--out", str(tmp_path)]
     settings = {"JOULESWARM_SCENARIO": "scenarios/toy.toml", "JOULESWARM_BROKER": f"mqtt://127.0.0.1:{broker_port}"}
     with subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, stdout=subprocess.DEVNULL) as recorder:
         deadline_s = time.monotonic() + 60

@@ -1,4 +1,4 @@
-"""The rules of the layout, held by reading the sources: which package may import what."""
+"""The rules of the house, held by reading the sources: which room may import what (docs/architecture.md)."""
 
 from __future__ import annotations
 
@@ -6,66 +6,122 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import networkx
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-OURS = {"agents", "broker", "common", "datacenter", "fleet", "studies", "benchmarks", "tests"}
-# Processes meet on the bus only; the fleet starts them, it does not import them.
-MAY_IMPORT = {
-    "common": {"common"},
-    "agents": {"agents", "common"},
-    "broker": {"broker", "common"},
-    "datacenter": {"datacenter", "common"},
-    "fleet": {"fleet", "common"},
-    "studies": {"studies", "fleet", "common"},
-}
+HOUSE = ROOT / "jouleswarm"
+FIXED = ("agents", "broker", "common", "datacenter")
+FLOORS = (
+    {"common"},
+    {"learning", "codecs", "environments", "energy"},
+    {"methods"},
+    {"agents", "datacenter", "broker", "runs"},
+    {"fleet", "report"},
+    {"studies", "chaos"},
+    {"cli", "simulation"},
+    {"__init__", "__main__", "api"},
+)
+FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+# Processes meet on the bus only; who starts them does so by name.
+NEVER = {room: {"agents", "datacenter", "broker"} for room in ("fleet", "chaos", "studies", "report", "runs", "cli")}
+LIBRARIES = {"broker": {"amqtt"}, "common": {"paho"}}
+
+
+def module_of(path: Path) -> str:
+    """`agents.agent` of `jouleswarm/agents/agent.py`."""
+    parts = path.relative_to(HOUSE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
+
+
+def sources() -> dict[str, Path]:
+    """Every module of the house, by its name without `jouleswarm`; links are followed."""
+    rooms = sorted(each for each in HOUSE.iterdir() if each.is_dir())
+    files = [*HOUSE.glob("*.py"), *(file for room in rooms for file in (HOUSE / room.name).rglob("*.py"))]
+    return {module_of(file): file for file in files}
 
 
 def imports(source: str) -> Iterator[tuple[int, str]]:
-    """(line, module) of every import, late ones inside functions too."""
+    """(line, module or name in it) of every import: late ones inside functions, those for type checking too."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
         elif isinstance(node, ast.ImportFrom):
-            yield node.lineno, "." * node.level + (node.module or "")
+            for alias in node.names:
+                yield node.lineno, f"{'.' * node.level}{node.module or ''}.{alias.name}"
 
 
-def breaches(package: str, forbidden: set[str], source: str) -> list[tuple[int, str]]:
-    """The imports whose first name is forbidden, and the relative ones, which could hide a breach."""
-    found = sorted(imports(source))
-    return [(line, name) for line, name in found if name.startswith(".") or name.split(".")[0] in forbidden]
+def own(name: str, modules: set[str]) -> str | None:
+    """The module of the house that an imported name stands for or is in."""
+    if name.split(".")[0] != "jouleswarm":
+        return None
+    parts = name.split(".")[1:]
+    for count in range(len(parts), 0, -1):
+        if (module := ".".join(parts[:count])) in modules:
+            return module
+    return "__init__"
 
 
-def sources(package: str) -> list[Path]:
-    return sorted((ROOT / package).rglob("*.py"))
+def breaches(module: str, source: str, modules: set[str]) -> list[tuple[int, str]]:
+    """Imports that go up, across to another room of the same floor, or by a name that could hide one."""
+    room, found = module.split(".")[0], []
+    for line, name in imports(source):
+        if name.startswith(".") or name.split(".")[0] in FIXED:
+            found.append((line, name))
+        if (target := own(name, modules)) is None:
+            continue
+        other = target.split(".")[0]
+        across = other != room and FLOOR_OF[other] >= FLOOR_OF[room]
+        if across or other in NEVER.get(room, set()):
+            found.append((line, name))
+    return found
 
 
-@pytest.mark.parametrize("folder", ["broker", "agents", "datacenter", "common", "fleet", "tests"])
-def test_the_fixed_folders_exist_and_hold_sources(folder: str) -> None:
-    assert sources(folder)
+@pytest.mark.parametrize("folder", FIXED)
+def test_the_fixed_folders_stand_at_the_top_and_are_rooms_of_the_house(folder: str) -> None:
+    assert list((ROOT / folder).glob("*.py"))
+    assert (HOUSE / folder).is_symlink()
+    assert (HOUSE / folder).resolve() == ROOT / folder
 
 
-@pytest.mark.parametrize("package", sorted(MAY_IMPORT))
-def test_imports_point_one_way(package: str) -> None:
-    forbidden = OURS - MAY_IMPORT[package]
-    found = {str(path): breaches(package, forbidden, path.read_text()) for path in sources(package)}
-    assert {path: lines for path, lines in found.items() if lines} == {}
+def test_every_room_has_its_floor() -> None:
+    assert {module.split(".")[0] for module in sources()} <= set(FLOOR_OF)
 
 
-@pytest.mark.parametrize("package", sorted(MAY_IMPORT))
-def test_mqtt_libraries_stay_behind_the_bus_and_in_the_broker(package: str) -> None:
-    for path in sources(package):
-        is_bus = package == "common" and path.name.startswith("mqtt")
-        allowed = {"amqtt"} if package == "broker" else {"paho"} if is_bus else set()
-        forbidden = {"paho", "amqtt", "aiomqtt", "gmqtt"} - allowed
-        assert breaches(package, forbidden, path.read_text()) == [], path
+def test_imports_go_down_only() -> None:
+    modules = sources()
+    found = {module: breaches(module, path.read_text(), set(modules)) for module, path in modules.items()}
+    assert {module: lines for module, lines in found.items() if lines} == {}
 
 
-def test_a_late_import_across_the_rule_is_found() -> None:
-    source = "import os\ndef f():\n    from agents.agent import run_agent\n    import common.bus, broker.core\n"
-    assert breaches("fleet", OURS - MAY_IMPORT["fleet"], source) == [(3, "agents.agent"), (4, "broker.core")]
+def test_no_files_import_each_other() -> None:
+    modules = sources()
+    graph = networkx.DiGraph()
+    for module, path in modules.items():
+        for _, name in imports(path.read_text()):
+            if (target := own(name, set(modules))) is not None and target != module:
+                graph.add_edge(module, target)
+    assert list(networkx.simple_cycles(graph)) == []
 
 
-def test_a_relative_import_is_found() -> None:
-    assert breaches("fleet", set(), "from ..agents import agent\nfrom . import view\n") == [(1, "..agents"), (2, ".")]
+def test_mqtt_libraries_stay_behind_the_bus_and_in_the_broker() -> None:
+    for module, path in sources().items():
+        allowed = LIBRARIES.get(module.split(".")[0], set())
+        used = {name.split(".")[0] for _, name in imports(path.read_text())}
+        assert used & {"paho", "amqtt", "aiomqtt", "gmqtt"} <= allowed, module
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("from jouleswarm.agents.agent import run_agent", "jouleswarm.agents.agent.run_agent"),
+        ("import jouleswarm.broker.core", "jouleswarm.broker.core"),
+        ("from agents.agent import run_agent", "agents.agent.run_agent"),
+        ("from ..agents import agent", "..agents.agent"),
+        ("from jouleswarm.studies import run", "jouleswarm.studies.run"),
+    ],
+)
+def test_a_late_import_across_the_rule_is_found(line: str, found: str) -> None:
+    source = f"import os\ndef f():\n    {line}\n    from jouleswarm.common.bus import bus\n"
+    assert breaches("fleet.deploy", source, set(sources())) == [(3, found)]

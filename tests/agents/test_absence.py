@@ -2,9 +2,9 @@
 
 import pytest
 
-from agents import absence
-from agents.absence import Absence
-from common.settings import Federation
+from jouleswarm.agents import absence
+from jouleswarm.agents.absence import Absence
+from jouleswarm.common.scenario.sections import Federation
 
 
 class Clock:

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from agents.agent import run_agent
-from benchmarks.in_memory import Outcome, run_in_memory
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.metaheads import head_of, meta_shapes
-from common.payloads import (
+from jouleswarm.agents.agent import run_agent
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.disk.state import Keep
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
     ModelHeader,
     MotionHeader,
     Presence,
@@ -25,13 +26,12 @@ from common.payloads import (
     encode_model,
     encode_motion,
 )
-from common.process import use_one_thread
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
-from common.runlog import RoundRow
-from common.scenario import Scenario, load_scenario
-from common.state import Keep
-from datacenter.server import run_datacenter
-from fleet.traffic import traffic
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.datacenter.center import run_datacenter
+from jouleswarm.learning.heads import head_of, meta_shapes
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
+from jouleswarm.runs.traffic import traffic
+from jouleswarm.simulation import Outcome, run_in_memory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 DEADLINE_S = 60.0

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from agents.camera import Camera, shared_obstacles
-from common.frames import resize
-from common.scenario import scenario_from
-from common.settings import Camera as CameraSettings
-from common.settings import World
+from jouleswarm.codecs.frames import resize
+from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.scenario.sections import Camera as CameraSettings
+from jouleswarm.common.scenario.sections import World
+from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
 
 STILL = CameraSettings(pose_jitter_m=0, heading_jitter_deg=0, noise=0)
 HORIZON, MIDDLE, DEPTH = 240, 320, 3

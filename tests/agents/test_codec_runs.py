@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from benchmarks.in_memory import Outcome, run_in_memory
-from common.codecs import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
-from common.metaheads import head_of, meta_shapes
-from common.meter import MeterRow
-from common.payloads import ModelHeader, MotionHeader, encode_motion
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
-from common.savedmodel import check_model
-from common.scenario import Scenario, load_scenario
-from common.streams import WeightsEncoder
-from common.tensorfile import tensor_bytes
+from jouleswarm.codecs.codec import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
+from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.common.meter.meter import MeterRow
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_motion
+from jouleswarm.common.wire.saved_models import check_model
+from jouleswarm.common.wire.tensorfile import tensor_bytes
+from jouleswarm.learning.heads import head_of, meta_shapes
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
+from jouleswarm.simulation import Outcome, run_in_memory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 ROUNDS, T0, MOTIONS = 3, 2, 6

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.exchange import Exchange
-from agents.metalink import MetaLink
-from agents.neighbourhood import Neighbourhood
-from agents.served import ServerLink
-from agents.sharing import ParameterServer as ServedSharing
-from common import topics
-from common.bus import MemoryBus, MemoryHub, Message
-from common.codecs import FLOAT32, CodecName, Weights, WeightsCodec
-from common.methods import Arm
-from common.payloads import ModelHeader, RoundRequest, encode_json
-from common.qnetwork import build_qnetwork, to_weights
-from common.scenario import Scenario, scenario_from
-from common.settings import Bus, Federation
-from common.streams import WeightsEncoder
-from datacenter.cluster_desk import Turn
-from datacenter.parameter_server import ParameterServer
+from jouleswarm.agents.meta_stage import MetaLink
+from jouleswarm.agents.neighbourhood import Neighbourhood
+from jouleswarm.agents.peers import Exchange
+from jouleswarm.agents.served import ServerLink
+from jouleswarm.agents.sharing import ParameterServer as ServedSharing
+from jouleswarm.codecs.codec import FLOAT32, CodecName, Weights, WeightsCodec
+from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.sections import Bus, Federation
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
+from jouleswarm.datacenter.cluster_rounds import Turn
+from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.learning.networks import build_qnetwork, to_weights
 
 RUN, ARM, TASK, ME = "r", "fl", 1, 1
 SHAPES = {"w": (4,)}

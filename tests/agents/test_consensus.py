@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.consensus import default_step, mix, mixing_weights
-from common.codecs import CodecName, WeightsCodec
-from common.streams import WeightsEncoder
+from jouleswarm.codecs.codec import CodecName, WeightsCodec
+from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.methods.consensus import default_step, mix, mixing_weights
 
 Model = dict[str, npt.NDArray[np.float32]]
 

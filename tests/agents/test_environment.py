@@ -11,11 +11,11 @@ import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-import agents
-import agents.environment
-from agents.environment import LandmarksEnv
-from common.errors import ConfigurationError
-from common.scenario import Scenario, load_scenario
+import jouleswarm.agents
+import jouleswarm.environments.landmarks.environment
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.environments.landmarks.environment import LandmarksEnv
 
 FORWARD, BACKWARD, LEFT, RIGHT = range(4)
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
@@ -26,9 +26,8 @@ def small() -> Scenario:
     return load_scenario(PAPER, ["camera.width=64", "camera.height=48"])
 
 
-def test_importing_agents_registers_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_importing_environments_registers_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)  # the default scenario is found from anywhere
-    assert agents.__doc__
     env = gymnasium.make("jouleswarm/Landmarks-v0", task=2)
     frame, info = env.reset(seed=1)
     assert frame.shape == (480, 640, 4)
@@ -195,6 +194,6 @@ def test_an_unknown_task_is_refused(small: Scenario) -> None:
 
 
 def test_a_missing_default_scenario_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(agents.environment, "_PAPER", tmp_path / "paper.toml")
+    monkeypatch.setattr(jouleswarm.environments.landmarks.environment, "_PAPER", tmp_path / "paper.toml")
     with pytest.raises(ConfigurationError, match="pass scenario="):
         LandmarksEnv()

@@ -7,16 +7,24 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from agents.exchange import Exchange
-from agents.metalink import MetaLink
-from agents.neighbourhood import Neighbourhood
-from common import topics
-from common.bus import MemoryBus, MemoryHub, Message
-from common.errors import RunError
-from common.host import arithmetic
-from common.methods import Arm
-from common.payloads import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json, encode_model
-from common.settings import Bus, Federation
+from jouleswarm.agents.meta_stage import MetaLink
+from jouleswarm.agents.neighbourhood import Neighbourhood
+from jouleswarm.agents.peers import Exchange
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.host import arithmetic
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.sections import Bus, Federation
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
+    ModelHeader,
+    Presence,
+    RoundRequest,
+    Wait,
+    decode_json,
+    encode_json,
+    encode_model,
+)
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
 SHAPES = {"w": (2,)}

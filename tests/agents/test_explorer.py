@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from agents.explorer import Explorer
-from common.learner import Learner
-from common.payloads import MotionHeader, decode_motion
-from common.scenario import Scenario, scenario_from
-from common.state import StateFile
+from jouleswarm.agents.explorer import Explorer
+from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire.messages import MotionHeader, decode_motion
+from jouleswarm.learning.learner import Learner
 
 FORWARD, LEFT = 0, 2
 FIRST, SECOND, EXIT = -0.5 - 2.5 * 2 / 3, -0.5 - 2.5 / 3, 80.0

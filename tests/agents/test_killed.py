@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 import pytest
 
-from agents.agent import run_agent
-from benchmarks.in_memory import run_in_memory
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.meter import Meter
-from common.payloads import Presence, decode_json, encode_json
-from common.process import use_one_thread
-from common.reports import MAX_REPORT_BYTES, MeterReport, Telemetry
-from common.scenario import Scenario, load_scenario
-from common.state import Keep
-from datacenter.server import run_datacenter
+from jouleswarm.agents.agent import run_agent
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
+from jouleswarm.common.disk.state import Keep
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, decode_json, encode_json
+from jouleswarm.datacenter.center import run_datacenter
+from jouleswarm.simulation import run_in_memory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each; robot 1 sends experience
 DEADLINE_S = 100.0

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.memory import Memory
-from common.errors import RunError
-from common.lock import Lock
-from common.meter import Meter
-from common.scenario import Scenario, scenario_from
-from common.state import Keep, State
+from jouleswarm.agents.memory import Memory
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.disk.state import Keep, State
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
 
 ARMS = ("maml", "fl", "fedavg")
 START = {"w": np.arange(3, dtype=np.float32)}

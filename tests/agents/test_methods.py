@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-import benchmarks.in_memory
-from benchmarks.in_memory import Outcome, run_in_memory
-from common.bus import MemoryHub, Message
-from common.methods import META_METHODS, METHODS
-from common.scenario import Scenario, load_scenario
-from common.topics import Link
-from fleet.traffic import traffic
+import jouleswarm.simulation
+from jouleswarm.common.bus.bus import MemoryHub, Message
+from jouleswarm.common.scenario.arms import META_METHODS, METHODS
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire.topics import Link
+from jouleswarm.runs.traffic import traffic
+from jouleswarm.simulation import Outcome, run_in_memory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each, one training task
 ROUNDS, T0, MOTIONS, BATCHES, ROBOTS = 3, 2, 6, 4, 4
@@ -96,5 +96,5 @@ def test_what_is_lost_is_asked_for_again_and_the_end_is_the_same_to_the_bit(
     scenario = small(method, "bus.resend_after_s=0.05")
     undisturbed = run_in_memory(scenario)
     monkeypatch.setattr(LosingHub, "words", words)
-    monkeypatch.setattr(benchmarks.in_memory, "MemoryHub", LosingHub)
+    monkeypatch.setattr(jouleswarm.simulation, "MemoryHub", LosingHub)
     assert results(run_in_memory(scenario)) == results(undisturbed)

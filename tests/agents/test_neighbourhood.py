@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.neighbourhood import Neighbourhood, neighbourhood_of
-from common.methods import Method
-from common.rewards import RewardLedger
-from common.scenario import Scenario, scenario_from
+from jouleswarm.agents.neighbourhood import Neighbourhood, neighbourhood_of
+from jouleswarm.common.scenario.arms import Method
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.methods.ledger import RewardLedger
 
 MAP = ". E . \n . * . \n . * . \n . X ."
 

@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.tasks import (
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.sections import World
+from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
+from jouleswarm.environments.landmarks.tasks import (
     BACKWARD,
     FORWARD,
     LEFT,
@@ -20,10 +24,6 @@ from agents.tasks import (
     table_policy,
     task_table,
 )
-from common.errors import ConfigurationError
-from common.maps import TaskMap, parse_map
-from common.scenario import Scenario, load_scenario
-from common.settings import World
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 WORLD = World(rows=3, cols=3)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from common.mqtt import MqttBus
+from jouleswarm.common.bus.mqtt import MqttBus
 
 ROOT = Path(__file__).parents[2]
 DEADLINE_S = 20.0
@@ -152,7 +152,17 @@ class RawClient:
 @contextlib.contextmanager
 def broker_process(*options: str) -> Iterator[BrokerProcess]:
     """A broker on free ports, with any further options; it ends cleanly with the context."""
-    command = [sys.executable, "-m", "broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin", *options]
+    command = [
+        sys.executable,
+        "-m",
+        "jouleswarm.broker",
+        "--port",
+        "0",
+        "--metrics-port",
+        "0",
+        "--exit-with-stdin",
+        *options,
+    ]
     process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
     assert process.stdout is not None

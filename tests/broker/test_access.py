@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from broker.access import Guard, Refused, load_guard
-from common import topics
-from common.errors import ConfigurationError
-from common.keys import Credentials, credentials_of
-from common.mqtt import MqttBus
+from jouleswarm.broker.access import Guard, Refused, load_guard
+from jouleswarm.common.bus.credentials import Credentials, credentials_of
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire import topics
 
 OTHERS = {
     "as another robot": topics.weights("r", "fl", 1, 2),

@@ -10,11 +10,11 @@ from amqtt.session import Session
 from hypothesis import given
 from hypothesis import strategies as st
 
-from broker.deliveries import Deliveries
-from broker.limits import Limits
-from broker.meter import BrokerMeter
-from broker.packets import parse_publish
-from broker.publication import Publication
+from jouleswarm.broker.deliveries import Deliveries
+from jouleswarm.broker.limits import Limits
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.packets import parse_publish
+from jouleswarm.broker.publication import Publication
 
 TOPIC = "jouleswarm/r/fl/sl/1/1/weights"
 

@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from common import topics
-from common.payloads import encode_json
-from common.snapshot import PIECE_BYTES, BrokerLimits, CountersPiece, CountersRequest
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.broker_counters import PIECE_BYTES, BrokerLimits, CountersPiece, CountersRequest
+from jouleswarm.common.wire.messages import encode_json
 from tests.broker.conftest import text
 
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"  # 34 bytes

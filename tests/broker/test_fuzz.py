@@ -1,9 +1,9 @@
-"""A short run of hostile connections against a broker process; `python -m benchmarks.fuzz_broker` is the long one."""
+"""A short run of hostile connections against a broker process; `python -m fuzz.broker` is the long one."""
 
 from __future__ import annotations
 
-from benchmarks.fuzz_broker import run
-from benchmarks.hostile_packets import KINDS
+from fuzz.broker import run
+from fuzz.hostile_packets import KINDS
 
 
 def test_the_broker_and_an_honest_pair_live_through_every_kind_of_hostile_connection(tmp_path):

@@ -8,11 +8,11 @@ import threading
 
 import pytest
 
-from broker.holdings import Away, Filters, Retained
-from broker.limits import OVERHEAD_BYTES, REPLIES, Budget, Turns
-from broker.meter import BrokerMeter
-from broker.outbound import PacketWriter
-from broker.publication import Publication
+from jouleswarm.broker.holdings import Away, Filters, Retained
+from jouleswarm.broker.limits import OVERHEAD_BYTES, REPLIES, Budget, Turns
+from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.outbound import PacketWriter
+from jouleswarm.broker.publication import Publication
 
 MEGABYTE = 1024 * 1024
 
@@ -185,7 +185,7 @@ def test_a_slow_reader_is_not_dropped_for_the_shorter_time_either(start_broker, 
 
 
 def test_made_up_topics_do_not_fill_the_meter(monkeypatch):
-    monkeypatch.setattr("broker.meter.MAX_ROWS", 2)
+    monkeypatch.setattr("jouleswarm.broker.meter.MAX_ROWS", 2)
     meter = BrokerMeter()
     for number in range(9):
         meter.received("c", f"jouleswarm/r/fl/ul/1/{number}/experience", 10, 20)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from broker.errors import MalformedPacket, NotAccepted
-from broker.packets import (
+from jouleswarm.broker.errors import MalformedPacket, NotAccepted
+from jouleswarm.broker.packets import (
     Connect,
     Publish,
     Will,

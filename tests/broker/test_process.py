@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from common.counters import Counters
-from common.lock import Lock
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.meter.counters import Counters
 
 ROOT = Path(__file__).parents[2]
-COMMAND = [sys.executable, "-m", "broker"]
+COMMAND = [sys.executable, "-m", "jouleswarm.broker"]
 
 
 def run(*options: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -161,7 +161,7 @@ def test_access_options_that_cannot_be_used_are_one_clear_line_and_exit_code_2(k
 
 BROKEN = """
 import asyncio, sys
-import broker.core, broker.server
+import jouleswarm.broker.core, jouleswarm.broker.server
 
 async def fails(self):
     raise KeyError("a fault")
@@ -170,9 +170,9 @@ async def hangs(self):
     await asyncio.Event().wait()
 
 {fault}
-broker.server.LEAVE_S = 0.5
+jouleswarm.broker.server.LEAVE_S = 0.5
 sys.argv = ["broker", "--port", "0", "--no-metrics", "--exit-with-stdin"]
-from broker.__main__ import app
+from jouleswarm.broker.__main__ import app
 app()
 """
 
@@ -197,9 +197,9 @@ def broken(fault: str, *, closing_stdin: bool) -> tuple[int, list[str]]:
 @pytest.mark.parametrize(
     "fault",
     [
-        "broker.server.SnapshotPublisher.run = fails",
-        "broker.server.watch = fails",
-        "broker.core.Broker._session_monitor = fails",
+        "jouleswarm.broker.server.SnapshotPublisher.run = fails",
+        "jouleswarm.broker.server.watch = fails",
+        "jouleswarm.broker.core.Broker._session_monitor = fails",
     ],
 )
 def test_a_part_that_fails_ends_the_broker_with_one_last_line_that_says_so(fault):
@@ -210,6 +210,6 @@ def test_a_part_that_fails_ends_the_broker_with_one_last_line_that_says_so(fault
 
 
 def test_leaving_has_an_end_of_its_own():
-    code, lines = broken("broker.core.Broker.shutdown = hangs", closing_stdin=True)
+    code, lines = broken("jouleswarm.broker.core.Broker.shutdown = hangs", closing_stdin=True)
     assert code == 5
     assert "did not leave within 0.5 s" in lines[-1]

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from broker.access import CACHED_TOPICS, Grants, parse_users
-from broker.rights import Access, covers, matches, parse_rights, permits, permits_filter
-from common import topics
-from common.errors import ConfigurationError
+from jouleswarm.broker.access import CACHED_TOPICS, Grants, parse_users
+from jouleswarm.broker.rights import Access, covers, matches, parse_rights, permits, permits_filter
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire import topics
 
 FILE = """
 # A comment

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.errors import BrokerUnreachableError, ConfigurationError, JouleSwarmError
-from common.keys import Credentials, credentials_of
-from common.mqtt import MqttBus
-from common.scenario import load_scenario
-from common.tls import RECORD_BYTES, records
-from fleet.keys import make_keys
+from jouleswarm.common.bus.credentials import Credentials, credentials_of
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.bus.tls import RECORD_BYTES, records
+from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError, JouleSwarmError
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.fleet.keys import make_keys
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 SOON_S = 5.0

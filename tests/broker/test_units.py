@@ -7,15 +7,15 @@ import asyncio
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from broker.limits import Budget
-from broker.meter import BrokerMeter, by_link
-from broker.publication import Publication
-from broker.refusals import Refusals
-from broker.snapshot import in_pieces
-from common.bus import matches
-from common.meter import read_rows
-from common.mqtt import name_of, wire_id
-from common.topics import Link
+from jouleswarm.broker.counters import in_pieces
+from jouleswarm.broker.limits import Budget
+from jouleswarm.broker.meter import BrokerMeter, by_link
+from jouleswarm.broker.publication import Publication
+from jouleswarm.broker.refusals import Refusals
+from jouleswarm.common.bus.bus import matches
+from jouleswarm.common.bus.mqtt import name_of, wire_id
+from jouleswarm.common.meter.meter import read_rows
+from jouleswarm.common.wire.topics import Link
 
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"
 LEVELS = st.lists(st.sampled_from(["a", "b", "", "jouleswarm"]), min_size=1, max_size=4)
@@ -168,7 +168,7 @@ def test_rows_come_in_pieces_below_a_size():
 
 def counting(monkeypatch, kept_rows: int) -> BrokerMeter:
     """A meter with two rows of each of the runs a, b and c, of which b is counted again 10 minutes later."""
-    monkeypatch.setattr("broker.meter.KEPT_ROWS", kept_rows)
+    monkeypatch.setattr("jouleswarm.broker.meter.KEPT_ROWS", kept_rows)
     meter = BrokerMeter()
     for run in "abc":
         meter.received("agent-1", f"jouleswarm/{run}/maml/sl/1/1/weights", 10, 46)
@@ -201,7 +201,7 @@ def test_no_rows_are_forgotten_of_what_still_goes_on_or_where_there_is_room(monk
 
 
 def test_forgotten_runs_do_not_come_back_with_the_next_broker(monkeypatch, tmp_path):
-    monkeypatch.setattr("broker.meter.KEPT_ROWS", 0)
+    monkeypatch.setattr("jouleswarm.broker.meter.KEPT_ROWS", 0)
     meter = BrokerMeter(folder=tmp_path)
     meter.received("agent-1", WEIGHTS, 10, 46)
     meter.age(0.0)

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.agreement import Agreement, Proclamation, differences, proclamation, terms
-from common.bus import MemoryHub, Message
-from common.errors import ConfigurationError
-from common.listener import Listener
-from common.payloads import decode_json
-from common.scenario import Scenario, load_scenario
+from jouleswarm.common.bus.agreement import Agreement, Proclamation, differences, proclamation, terms
+from jouleswarm.common.bus.bus import MemoryHub, Message
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import decode_json
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 RUN = "r"

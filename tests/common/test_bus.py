@@ -4,9 +4,9 @@ import threading
 
 import pytest
 
-from common import topics
-from common.bus import MemoryHub, Message, matches
-from common.errors import MessageTooLargeError
+from jouleswarm.common.bus.bus import MemoryHub, Message, matches
+from jouleswarm.common.errors import MessageTooLargeError
+from jouleswarm.common.wire import topics
 
 WEIGHTS = topics.weights("r", "maml", 1, 1)  # jouleswarm/r/maml/sl/1/1/weights: 32 characters
 

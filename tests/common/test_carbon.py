@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.carbon import Carbon, carbon, has_carbon
-from common.energy import Bill, Cost
-from common.settings import Energy
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.carbon import Carbon, carbon, has_carbon
+from jouleswarm.energy.equations import Bill, Cost
 
 COST = Cost(center_computing_j=7.2e6, robot_computing_j=1.8e6)  # 2 kWh in the data center, 0.5 kWh on robots
 

@@ -9,7 +9,7 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.codecs import (
+from jouleswarm.codecs.codec import (
     FLOAT32,
     INDICES,
     MAX_WEIGHT,
@@ -26,10 +26,10 @@ from common.codecs import (
     topk_entries,
     weights_bytes,
 )
-from common.errors import PayloadError, TrainingError
-from common.payloads import ModelHeader, decode_model, encode_model, read_model
-from common.streams import WeightsDecoder, WeightsEncoder
-from common.tensorfile import tensor_bytes
+from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.common.errors import PayloadError, TrainingError
+from jouleswarm.common.wire.messages import ModelHeader, decode_model, encode_model, read_model
+from jouleswarm.common.wire.tensorfile import tensor_bytes
 
 HALF, INT8 = WeightsCodec("float16"), WeightsCodec("int8")
 CODECS = [FLOAT32, HALF, INT8, WeightsCodec("topk", 0.25)]

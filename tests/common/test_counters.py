@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from common.counters import Counters, Key, read_counters
-from common.errors import RunError
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.counters import Counters, Key, read_counters
 
 ROOT = Path(__file__).parents[2]
 A, B, C = (("agent-1", f"topic/{name}", "in") for name in "abc")
@@ -84,7 +84,7 @@ def test_there_is_room_for_more_keys_than_a_file_holds(tmp_path: Path) -> None:
 
 def test_counts_survive_a_kill_in_the_middle_of_counting(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from common.counters import Counters\n"
+        "import sys; from pathlib import Path; from jouleswarm.common.meter.counters import Counters\n"
         "counters = Counters(Path(sys.argv[1]))\n"
         "while True:\n"
         "    cell = counters.cell(('agent-1', 'topic/a', 'in'))\n"

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.counters import Counters
-from common.disk import allocate, disk_error, full_disk_is_told
-from common.errors import RunError
-from common.replay import Replay
-from common.runlog import RoundRow, RunDirectory
-from common.state import State, StateFile, write_whole
+from jouleswarm.common.disk.state import State, StateFile, write_whole
+from jouleswarm.common.disk.trouble import allocate, disk_error, full_disk_is_told
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.counters import Counters
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.learning.replay import Replay
+from jouleswarm.runs.directory import RunDirectory
 
 ROOT = Path(__file__).parents[2]
 
@@ -115,7 +116,7 @@ def test_a_full_disk_is_an_error_of_ours_that_names_the_file_whatever_is_written
 
 def test_a_process_on_a_full_disk_ends_with_its_exit_code_though_it_cannot_say_so() -> None:
     script = (
-        "import errno, sys\nfrom common.process import process\nsys.stderr = open('/dev/full', 'w')\n"
+        "import errno, sys\nfrom jouleswarm.common.process import process\nsys.stderr = open('/dev/full', 'w')\n"
         "with process('robot 1'):\n    raise OSError(errno.ENOSPC, 'No space left on device')\n"
     )
     assert subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=False).returncode == 5

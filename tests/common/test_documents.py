@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.documents import MOST_LEVELS, parse_json, parse_toml
+from jouleswarm.common.scenario.documents import MOST_LEVELS, parse_json, parse_toml
 
 NESTED = "[" * 20_000 + "]" * 20_000
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from common.dqn import epsilon_greedy, polyak_update, td_loss, td_target
+from jouleswarm.learning.dqn import epsilon_greedy, polyak_update, td_loss, td_target
 
 REWARD = torch.tensor([1.0, 2.0, 3.0])
 TERMINATED = torch.tensor([0.0, 0.0, 1.0])

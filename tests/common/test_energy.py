@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import energy as e
-from common.settings import Energy, Federation
+from jouleswarm.common.scenario.sections import Energy, Federation
+from jouleswarm.energy import equations as e
 
 PAPER = Energy()
 REVERSED = Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError, RunError, usable
+from jouleswarm.common.errors import ConfigurationError, RunError, usable
 
 
 def test_a_folder_below_a_file_is_told_with_what_it_is_for(tmp_path: Path) -> None:

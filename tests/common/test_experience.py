@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.codecs import ExperienceCodec, experience_bytes
-from common.errors import PayloadError
-from common.experience import decode_experience, encode_experience, largest_png
-from common.frames import resize
-from common.payloads import MotionHeader, encode_motion
-from common.tensorfile import encode_tensors, tensor_bytes
+from jouleswarm.codecs.codec import ExperienceCodec, experience_bytes
+from jouleswarm.codecs.frames import resize
+from jouleswarm.codecs.observations import decode_experience, encode_experience, largest_png
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.wire.messages import MotionHeader, encode_motion
+from jouleswarm.common.wire.tensorfile import encode_tensors, tensor_bytes
 
 CAMERA, NETWORK = (16, 12), (8, 6)  # width, height
 HEADER = MotionHeader(task=2, agent=3, round=1, motion=0, action=3, reward=-1.5, first=True, terminated=False)

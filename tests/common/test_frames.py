@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common.frames import resize
+from jouleswarm.codecs.frames import resize
 
 
 @pytest.mark.parametrize(("width", "height"), [(96, 72), (48, 36), (640, 480)])

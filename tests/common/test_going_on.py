@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.codecs import WeightsCodec
-from common.errors import RunError
-from common.learner import Learner, Policy
-from common.payloads import ModelHeader, encode_model
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
-from common.replay import Replay
-from common.rewards import RewardLedger
-from common.settings import Learning, Network
-from common.state import State, StateFile, Stateful
-from common.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.codecs.codec import WeightsCodec
+from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.common.disk.state import State, StateFile, Stateful
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.scenario.sections import Learning, Network
+from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.learning.learner import Learner, Policy
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
+from jouleswarm.learning.replay import Replay
+from jouleswarm.methods.ledger import RewardLedger
 
 NETWORK = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 CODECS = [WeightsCodec("float32"), WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.1)]
@@ -147,7 +147,7 @@ def killed(folder: Path, frames: int, share: float | None, patch: pytest.MonkeyP
         raise Killed
 
     with patch.context() as dying:
-        dying.setattr("common.state._write_all", write)
+        dying.setattr("jouleswarm.common.disk.state._write_all", write)
         with pytest.raises(Killed):
             file.save(replay.state())
 

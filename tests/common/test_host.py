@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-from common import host as module
-from common.errors import ConfigurationError
-from common.host import PROCESSOR, Others, arithmetic, same_arithmetic
-from common.payloads import Presence
-from common.state import STATE_FILE, State, StateFile
+from jouleswarm.common import host as module
+from jouleswarm.common.disk.state import STATE_FILE, State, StateFile
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.host import PROCESSOR, Others, arithmetic, same_arithmetic
+from jouleswarm.common.wire.messages import Presence
 
 HERE, THERE = "AVX2, one, 1 thread", "DEFAULT, one, 1 thread"
 INTEL = "processor\t: 0\ncpu family\t: 6\nmodel\t\t: 85\nmodel name\t: Some(R) CPU\n\nprocessor\t: 1\n"

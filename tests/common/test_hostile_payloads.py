@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fuzz_mutations import mutate
-from benchmarks.fuzz_payloads import Tally, fuzz, judge
-from benchmarks.fuzz_targets import Target, targets
-from common.errors import PayloadError
+from fuzz.mutations import mutate
+from fuzz.payloads import Tally, fuzz, judge
+from fuzz.targets import Target, targets
+from jouleswarm.common.errors import PayloadError
 
 TARGETS = targets()
 PIECES = tuple(payload for target in TARGETS for payload in target.seeds)

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from common import topics
-from common.bus import MemoryBus, MemoryHub, Message
-from common.errors import ConfigurationError
-from common.identity import Identity
-from common.listener import Listener
-from common.payloads import Claim, Presence, decode_json, encode_json
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.bus.identity import Identity
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Claim, Presence, decode_json, encode_json
 
 RUN, TASK, ME = "r", 1, 3
 PRESENCE, CLAIM = topics.presence(RUN, TASK, ME), topics.claim(RUN, TASK, ME)

@@ -1,7 +1,7 @@
 """Unread messages are held down to a budget of bytes."""
 
-from common.bus import Message
-from common.inbox import BUDGET_BYTES, GROWS_FOR_S, Inbox
+from jouleswarm.common.bus.bus import Message
+from jouleswarm.common.bus.inbox import BUDGET_BYTES, GROWS_FOR_S, Inbox
 
 HALF = Message("a", memoryview(bytes(BUDGET_BYTES // 2)))
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from broker.protection import protection_of
-from common.keys import credentials_of, exposed
+from jouleswarm.broker.protection import protection_of
+from jouleswarm.common.bus.credentials import credentials_of, exposed
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from common.errors import TrainingError
-from common.learner import Learner
-from common.settings import Learning, Network
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.scenario.sections import Learning, Network
+from jouleswarm.learning.learner import Learner
 
 LINEAR = Network(width=1, height=1, conv=(), dense=())
 ONES = np.full((1, 1, 4), 192, np.uint8)
@@ -112,7 +112,7 @@ TINY = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 
 
 def start(seed: int = 1) -> Weights:
-    from common.qnetwork import build_qnetwork, to_weights
+    from jouleswarm.learning.networks import build_qnetwork, to_weights
 
     return to_weights(build_qnetwork(TINY, seed))
 

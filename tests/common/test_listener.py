@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from common import topics
-from common.bus import MemoryBus, MemoryHub, Message
-from common.errors import PayloadError
-from common.listener import Listener
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.wire import topics
 
 DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
 

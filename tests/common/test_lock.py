@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from common import lock as module
-from common.errors import ConfigurationError
-from common.lock import Lock, await_free
+from jouleswarm.common.disk import lock as module
+from jouleswarm.common.disk.lock import Lock, await_free
+from jouleswarm.common.errors import ConfigurationError
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,7 +23,8 @@ ROOT = Path(__file__).parents[2]
 @contextmanager
 def holder(folder: Path, then: str = "") -> Iterator[subprocess.Popen[str]]:
     """Another process that holds the folder, and tells when it does."""
-    script = "import sys; from pathlib import Path; from common.lock import Lock; Lock(Path(sys.argv[1]), 'robot 7')"
+    needed = "import sys; from pathlib import Path; from jouleswarm.common.disk.lock import Lock"
+    script = f"{needed}; Lock(Path(sys.argv[1]), 'robot 7')"
     command = [sys.executable, "-c", f"{script}\n{then}\nprint(flush=True); sys.stdin.read()", str(folder)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as process:  # type: ignore[call-overload]

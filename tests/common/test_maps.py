@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import ConfigurationError
-from common.maps import Cell, neighbouring_cells, parse_map
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.environments.landmarks.maps import Cell, neighbouring_cells, parse_map
 
 
 def test_a_map_gives_path_entry_exit_and_obstacles() -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from common.metaheads import head_key, head_of, meta_shapes, start_of
-from common.qnetwork import build_qnetwork, shapes_of
-from common.settings import Network
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.learning.heads import head_key, head_of, meta_shapes, start_of
+from jouleswarm.learning.networks import build_qnetwork, shapes_of
 
 NETWORK = build_qnetwork(Network(width=8, height=6, conv=((4, 3, 1),), dense=(8,)))
 

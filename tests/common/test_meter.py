@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from common import topics
-from common.meter import (
+from jouleswarm.common.meter.meter import (
     Direction,
     Meter,
     MeterRow,
@@ -17,7 +16,8 @@ from common.meter import (
     read_work,
     received,
 )
-from common.topics import Link
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.topics import Link
 
 WEIGHTS = topics.weights("r", "maml", 2, 3)  # jouleswarm/r/maml/sl/2/3/weights
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import BrokerUnreachableError, ConfigurationError
-from common.mqtt import BrokerAddress, MqttBus, parse_url
+from jouleswarm.common.bus.mqtt import BrokerAddress, MqttBus, parse_url
+from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"  # 34 bytes
@@ -29,7 +29,15 @@ class Broker:
         self.start()
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "broker", "--port", str(self.port), "--no-metrics", "--exit-with-stdin"]
+        command = [
+            sys.executable,
+            "-m",
+            "jouleswarm.broker",
+            "--port",
+            str(self.port),
+            "--no-metrics",
+            "--exit-with-stdin",
+        ]
         self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.url = json.loads(self.process.stdout.readline())["url"]
         self.port = int(self.url.rpartition(":")[2])

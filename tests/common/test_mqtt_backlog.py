@@ -15,11 +15,11 @@ from queue import SimpleQueue
 
 import pytest
 
-import common.inbox
-from common import topics
-from common.errors import ConfigurationError, MessageTooLargeError
-from common.mqtt import MqttBus
-from common.suspects import CONNECTIONS
+import jouleswarm.common.bus.inbox
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.bus.suspects import CONNECTIONS
+from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
+from jouleswarm.common.wire import topics
 
 CONNECT, PUBLISH, PUBACK, SUBSCRIBE, UNSUBSCRIBE, PINGREQ, DISCONNECT = 1, 3, 4, 8, 10, 12, 14
 ACCEPTED = b"\x20\x02\x00\x00"
@@ -336,8 +336,8 @@ def test_a_message_beyond_mqtt_itself_is_an_error_with_topic_and_size(played):
 
 def test_unread_messages_are_not_acknowledged_beyond_the_budget_and_the_connection_lives_on(played, monkeypatch):
     # The tenth message of 10 000 bytes, a topic of 1 and 512 for the objects goes beyond it.
-    monkeypatch.setattr(common.inbox, "BUDGET_BYTES", 10 * 10_513 - 100)
-    monkeypatch.setattr(common.inbox, "GROWS_FOR_S", 1e6)
+    monkeypatch.setattr(jouleswarm.common.bus.inbox, "BUDGET_BYTES", 10 * 10_513 - 100)
+    monkeypatch.setattr(jouleswarm.common.bus.inbox, "GROWS_FOR_S", 1e6)
     acknowledged, pinged = [], threading.Event()
 
     def script(accept: Callable[[], Peer]) -> None:
@@ -390,7 +390,7 @@ def test_a_client_that_hears_without_a_pause_still_says_that_it_lives(played):
 
 
 def test_an_answer_that_stands_behind_what_nobody_reads_comes(played, monkeypatch):
-    monkeypatch.setattr(common.inbox, "BUDGET_BYTES", 1)
+    monkeypatch.setattr(jouleswarm.common.bus.inbox, "BUDGET_BYTES", 1)
 
     def script(accept: Callable[[], Peer]) -> None:
         peer = accept()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from common import patience as module
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.errors import PayloadError, RunError
-from common.listener import Listener
-from common.patience import Patience
-from common.payloads import Wait, decode_json
+from jouleswarm.common.bus import patience as module
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Wait, decode_json
 
 RUN, LIMIT_S = "r", 600.0
 

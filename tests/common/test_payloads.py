@@ -14,9 +14,9 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.codecs import MAX_WEIGHT
-from common.errors import PayloadError
-from common.payloads import (
+from jouleswarm.codecs.codec import MAX_WEIGHT
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.wire.messages import (
     MAX_HEADER_BYTES,
     MAX_REWARD,
     ModelHeader,
@@ -30,7 +30,7 @@ from common.payloads import (
     encode_model,
     encode_motion,
 )
-from common.savedmodel import check_model
+from jouleswarm.common.wire.saved_models import check_model
 
 WEIGHTS = {
     "0.weight": np.arange(6, dtype=np.float32).reshape(2, 3) / 7,

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from common import process
+from jouleswarm.common import process
 
 
 class Busy:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from common.errors import ConfigurationError
-from common.qnetwork import build_qnetwork, load_weights, observations, shapes_of, to_weights
-from common.settings import Network
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.learning.networks import build_qnetwork, load_weights, observations, shapes_of, to_weights
 
 TINY = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import TrainingError
-from common.replay import Replay
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.learning.replay import Replay
 
 DRAWS = 400  # enough that each of a handful of transitions is drawn
 

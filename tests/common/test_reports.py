@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.listener import Listener
-from common.payloads import Acknowledgement, Presence, decode_json, encode_json
-from common.reports import MAX_REPORT_BYTES, PIECE_BYTES, MeterReport, Reporter, Telemetry
-from common.runlog import RoundRow
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, PIECE_BYTES, MeterReport, Reporter, Telemetry
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_json, encode_json
+from jouleswarm.common.wire.rows import RoundRow
 
 DEADLINE_S, PATIENT_S, IMPATIENT_S = 20.0, 60.0, 0.01
 WEIGHTS, HERE = topics.weights("r", "maml", 1, 4), topics.presence("r", 1, 3)
@@ -137,7 +137,7 @@ def test_a_report_of_any_length_goes_in_pieces_of_bounded_size(tmp_path: Path) -
 
 
 def test_a_piece_is_sent_until_that_very_piece_is_acknowledged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("common.reports.PIECE_BYTES", 100)  # a row each
+    monkeypatch.setattr("jouleswarm.common.bus.reporter.PIECE_BYTES", 100)  # a row each
     many_rows(tmp_path / "rounds.jsonl", 2)
     table = Table(IMPATIENT_S, tmp_path / "rounds.jsonl")
     table.record()

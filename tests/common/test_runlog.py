@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from common.errors import ConfigurationError, RunError
-from common.lock import Lock
-from common.meter import Meter
-from common.runlog import RoundRow, RunDirectory
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.runs.directory import RunDirectory
 
 
 def row(**fields: Any) -> RoundRow:
@@ -224,7 +225,7 @@ def test_a_kill_between_a_new_manifest_and_its_checksum_is_got_over(
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr("common.runlog.write_whole", killed)
+        patch.setattr("jouleswarm.runs.directory.write_whole", killed)
         with pytest.raises(Killed):
             directory.manifest({"run": "r", "seed": 1, "resumed": [1]})
     assert [each.round for each in resumed(tmp_path).rows] == [1, 2, 3]

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from common.errors import ConfigurationError
-from common.fitting import parameter_count
-from common.methods import Arm
-from common.scenario import Scenario, load_scenario, scenario_from
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.fitting import parameter_count
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario, scenario_from
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 MAP = "E*\n.X"

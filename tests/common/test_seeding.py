@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from common.seeding import integer, stream
+from jouleswarm.common.seeding import integer, stream
 
 
 def test_a_stream_depends_on_seed_and_purpose_only() -> None:
@@ -26,6 +26,6 @@ def test_an_integer_has_31_bits() -> None:
 
 def test_another_process_draws_the_same() -> None:
     # str.__hash__ differs between processes; streams must not.
-    code = "from common.seeding import integer; print(integer(7, 'topology', 2))"
+    code = "from jouleswarm.common.seeding import integer; print(integer(7, 'topology', 2))"
     answers = {subprocess.check_output([sys.executable, "-c", code], text=True) for _ in range(2)}
     assert answers == {f"{integer(7, 'topology', 2)}\n"}

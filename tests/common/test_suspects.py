@@ -1,6 +1,6 @@
 """A message that ends connection after connection is found; faults that pass are none."""
 
-from common.suspects import CONNECTIONS, SOON_S, Suspects
+from jouleswarm.common.bus.suspects import CONNECTIONS, SOON_S, Suspects
 
 
 def connection(

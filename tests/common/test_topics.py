@@ -2,9 +2,9 @@
 
 import pytest
 
-from common import topics
-from common.errors import ConfigurationError
-from common.topics import Link
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.topics import Link
 
 METERED = {
     topics.experience("r", "maml", 2, 3): ("jouleswarm/r/maml/ul/2/3/experience", Link.UPLINK, "maml"),

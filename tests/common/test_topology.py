@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.energy import directed_links
-from common.errors import ConfigurationError
-from common.settings import Federation
-from common.topology import cluster_graph
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.sections import Federation
+from jouleswarm.energy.equations import directed_links
+from jouleswarm.methods.graph import cluster_graph
 
 
 def edges(agents: list[int], **federation: object) -> set[frozenset[int]]:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.payloads import MotionHeader
-from common.scenario import Scenario, scenario_from
-from datacenter.motions import Motion
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire.messages import MotionHeader
+from jouleswarm.datacenter.experience import Motion
 
 Experience = dict[int, list[list[Motion]]]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from common.scenario import Scenario
-from datacenter.beta import Cost, measure_beta
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.datacenter.beta import Cost, measure_beta
 
 Make = Callable[..., Scenario]
 

@@ -5,16 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common.codecs import CodecName, ExperienceCodec, WeightsCodec
-from common.errors import PayloadError
-from common.experience import encode_experience
-from common.frames import resize
-from common.payloads import ModelHeader, MotionHeader, encode_model
-from common.qnetwork import build_qnetwork, to_weights
-from common.scenario import Scenario
-from common.streams import WeightsEncoder
-from datacenter.motions import read_motion
-from datacenter.parameter_server import ParameterServer
+from jouleswarm.codecs.codec import CodecName, ExperienceCodec, WeightsCodec
+from jouleswarm.codecs.frames import resize
+from jouleswarm.codecs.observations import encode_experience
+from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_model
+from jouleswarm.datacenter.experience import read_motion
+from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.learning.networks import build_qnetwork, to_weights
 
 CODECS: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")
 EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")

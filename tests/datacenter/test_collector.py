@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.errors import RunError
-from common.listener import Listener
-from common.payloads import MotionHeader, Presence, RoundRequest, decode_json, encode_json, encode_motion
-from common.scenario import Scenario
-from datacenter.collector import Collector
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
+    MotionHeader,
+    Presence,
+    RoundRequest,
+    decode_json,
+    encode_json,
+    encode_motion,
+)
+from jouleswarm.datacenter.collector import Collector
 
 RUN, ARM = "r", "maml"
 DEADLINE_S = 20.0

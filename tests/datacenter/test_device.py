@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from datacenter.device import accelerator, compute_device
+from jouleswarm.learning.device import accelerator, compute_device
 
 WORKSPACE = "CUBLAS_WORKSPACE_CONFIG"
 

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.bus import MemoryHub
-from common.codecs import CodecName
-from common.listener import Listener
-from common.payloads import ModelHeader, RoundRequest, encode_json, read_model
-from common.qnetwork import build_qnetwork, shapes_of, to_weights
-from common.scenario import Scenario
-from common.state import StateFile
-from common.streams import WeightsDecoder, WeightsEncoder
-from datacenter.central import CentralLearner
-from datacenter.cluster_desk import ClusterDesk, Service, Turn
-from datacenter.parameter_server import ParameterServer
-from datacenter.server import _forget
+from jouleswarm.codecs.codec import CodecName
+from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.common.bus.bus import MemoryHub
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json, read_model
+from jouleswarm.datacenter.center import _forget
+from jouleswarm.datacenter.central import CentralLearner
+from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Service, Turn
+from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 
 Make = Callable[..., Any]
 CODECS: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")

@@ -5,8 +5,17 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from common.replay import Batch
-from datacenter.maml import Params, TensorBatch, adapt, clipped, make_loss, meta_gradient, query_loss, to_tensors
+from jouleswarm.learning.meta import (
+    Params,
+    TensorBatch,
+    adapt,
+    clipped,
+    make_loss,
+    meta_gradient,
+    query_loss,
+    to_tensors,
+)
+from jouleswarm.learning.replay import Batch
 
 
 def goal(value: float) -> TensorBatch:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from common.errors import RunError, TrainingError
-from common.meter import Meter
-from common.methods import META_METHODS, Method
-from common.runlog import RoundRow
-from common.scenario import Scenario
-from common.state import Array
-from datacenter.checkpoint import Checkpoint, owner_of
-from datacenter.metalearner import Gradients, MetaLearner
+from jouleswarm.common.disk.state import Array
+from jouleswarm.common.errors import RunError, TrainingError
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.arms import META_METHODS, Method
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
+from jouleswarm.datacenter.metalearner import Gradients, MetaLearner
 
 Make = Callable[..., Any]
 

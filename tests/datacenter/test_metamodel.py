@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from common.qnetwork import build_qnetwork
-from common.settings import Network
-from datacenter.metamodel import MetaModel
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.learning.metamodel import MetaModel
+from jouleswarm.learning.networks import build_qnetwork
 
 NETWORK = Network(width=4, height=4, conv=((2, 3, 1),), dense=(3,))
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.payloads import MotionHeader
-from common.replay import Replay
-from common.state import StateFile
-from datacenter.motions import Motion, Walks
+from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.wire.messages import MotionHeader
+from jouleswarm.datacenter.experience import Motion, Walks
+from jouleswarm.learning.replay import Replay
 
 M = 3  # motions a round
 Transitions = set[tuple[int, int | None]]

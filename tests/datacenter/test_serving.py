@@ -8,12 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common import topics
-from common.bus import MemoryHub
-from common.errors import PayloadError, RunError
-from common.listener import Listener
-from common.patience import Patience
-from common.payloads import (
+from jouleswarm.common.bus.bus import MemoryHub
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
     ModelHeader,
     MotionHeader,
     Presence,
@@ -25,12 +26,11 @@ from common.payloads import (
     encode_model,
     encode_motion,
 )
-from common.qnetwork import build_qnetwork, shapes_of
-from common.scenario import Scenario
-from datacenter.central import CentralLearner
-from datacenter.cluster_desk import ClusterDesk, Turn
-from datacenter.motions import read_motion
-from datacenter.parameter_server import ParameterServer, weighted_average
+from jouleswarm.datacenter.central import CentralLearner
+from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
+from jouleswarm.datacenter.experience import read_motion
+from jouleswarm.datacenter.parameter_server import ParameterServer, weighted_average
+from jouleswarm.learning.networks import build_qnetwork, shapes_of
 
 Make = Callable[..., Scenario]
 RUN, DONE = "r", 2

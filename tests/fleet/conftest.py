@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.meter import Meter, MeterRow
-from common.runlog import RoundRow, RunDirectory
-from common.scenario import Scenario, scenario_from
+from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.runs.directory import RunDirectory
 
 RUN = "made-up"
 T0 = 3

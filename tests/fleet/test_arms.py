@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from common.methods import METHODS
-from common.scenario import Scenario, scenario_from
-from fleet.arms import METHOD_COLOURS, METHOD_LABELS, colours, labels
+from jouleswarm.common.scenario.arms import METHODS
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS, colours, labels
 
 
 def scenario(methods: list[str], **meta: object) -> Scenario:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from common.bill import Counts
-from common.energy import price
-from common.errors import ConfigurationError
-from common.runlog import RoundRow
-from common.settings import Energy
-from fleet.beta import with_beta
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.bill import Counts
+from jouleswarm.energy.equations import price
+from jouleswarm.runs.beta import with_beta
 
 MEASURED = Energy(beta="measured")
 

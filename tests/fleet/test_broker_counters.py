@@ -12,17 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import topics
-from common.bus import MemoryHub
-from common.errors import BrokerUnreachableError, RunError
-from common.meter import Meter, MeterRow
-from common.payloads import encode_json
-from common.reports import MeterReport
-from common.runlog import RunDirectory
-from common.scenario import Scenario, scenario_from
-from common.snapshot import BrokerLimits, CountersPiece, CountersRequest
-from fleet.baseline import keep_baseline, kept_baseline, since
-from fleet.recorder import Recorder
+from jouleswarm.common.bus.bus import MemoryHub
+from jouleswarm.common.bus.reporter import MeterReport
+from jouleswarm.common.errors import BrokerUnreachableError, RunError
+from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.broker_counters import BrokerLimits, CountersPiece, CountersRequest
+from jouleswarm.common.wire.messages import encode_json
+from jouleswarm.fleet.baseline import keep_baseline, kept_baseline, since
+from jouleswarm.fleet.recorder import Recorder
+from jouleswarm.runs.directory import RunDirectory
 
 RUN, DEADLINE_S = "r", 20.0
 WEIGHTS = topics.weights(RUN, "fl", 1, 1)

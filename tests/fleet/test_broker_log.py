@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.broker_log import MOST_LINES, BrokerLog
+from jouleswarm.fleet.broker_log import MOST_LINES, BrokerLog
 
 TOO_LARGE = "connection from 127.0.0.1:{port} closed: packet of 8021504 bytes, the limit here is 1048576"
 

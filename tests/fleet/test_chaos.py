@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from common.runlog import RoundRow
-from common.scenario import load_scenario
-from fleet.chaos import outcome, wrapping
-from fleet.intruder import Chaos
+from jouleswarm.chaos.chaos import outcome, wrapping
+from jouleswarm.chaos.intruder import Chaos
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire.rows import RoundRow
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 

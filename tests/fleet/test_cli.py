@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from fleet import cli
-from fleet.summary import summarise
+from jouleswarm.cli import main as cli
+from jouleswarm.runs.summary import summarise
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"

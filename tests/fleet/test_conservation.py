@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.meter import Meter, MeterRow
-from fleet.conservation import Balance, conservation
+from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.runs.conservation import Balance, conservation
 
 WEIGHTS = "jouleswarm/r/fl/sl/1/2/weights"
 PRESENCE = "jouleswarm/r/all/ctl/1/1/presence"

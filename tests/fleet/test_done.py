@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
-from agents.agent import run_agent
-from common import topics
-from common.bus import MemoryBus, MemoryHub, Message
-from common.payloads import Presence, encode_json
-from common.process import use_one_thread
-from common.runlog import RunDirectory
-from common.scenario import Scenario, load_scenario
-from common.state import Keep
-from datacenter.server import run_datacenter
-from fleet.recorder import Recorder
+from jouleswarm.agents.agent import run_agent
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.disk.state import Keep
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, encode_json
+from jouleswarm.datacenter.center import run_datacenter
+from jouleswarm.fleet.recorder import Recorder
+from jouleswarm.runs.directory import RunDirectory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each
 DEADLINE_S = 60.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.endings import ending, signal_of
+from jouleswarm.fleet.endings import ending, signal_of
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_who_printed_nothing_has_a_cause_or_a_place_to_look(code: int, told: str
 
 
 def test_who_could_not_say_that_the_disk_is_full_is_spoken_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fleet.endings.is_full", lambda folder: folder == tmp_path)
+    monkeypatch.setattr("jouleswarm.fleet.endings.is_full", lambda folder: folder == tmp_path)
     (log := tmp_path / "datacenter.log").write_text("waiting for round 2\n")
     told = ending("datacenter", 5, log)
     assert told.endswith(f"; no space left on {tmp_path}; make room, then go on from what is there")

@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 import typer
 
-from common.runlog import RoundRow, RunDirectory
-from fleet import entry
-from fleet.entry import command_line
-from fleet.stopping import telling_what_is_kept
+from jouleswarm.cli import entry
+from jouleswarm.cli.entry import command_line
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.runs.directory import RunDirectory
 
 
 @pytest.fixture(autouse=True)

@@ -2,11 +2,11 @@
 
 import pytest
 
-from common.energy import TABLE_I, Counts, StageCounts
-from common.qnetwork import build_qnetwork
-from common.scenario import Scenario
-from common.settings import Network
-from fleet.expected import expected_counts, scenario_sizes
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.energy.equations import TABLE_I, Counts, StageCounts
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.runs.sizes import expected_counts, scenario_sizes
 
 
 def test_sizes_of_the_default_scenario_are_the_papers(facts) -> None:

@@ -13,12 +13,12 @@ from typing import Any, cast
 
 import pytest
 
-from common.lock import Lock
-from common.runlog import RunDirectory
-from common.scenario import load_scenario
-from common.state import State, StateFile
-from fleet.faults import Site, inject, refused
-from fleet.run import manifest
+from jouleswarm.chaos.faults import Site, inject, refused
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.disk.state import State, StateFile
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.fleet.deploy import manifest
+from jouleswarm.runs.directory import RunDirectory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 DEADLINE_S = 60.0

@@ -6,11 +6,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fleet.figures import inline_svgs, write_figures
-from fleet.report_bars import energy_figure, rounds_figure
-from fleet.report_curves import bytes_figure, rewards_figure
-from fleet.report_data import Run, load_run
-from fleet.summary import summarise
+from jouleswarm.report.bars import energy_figure, rounds_figure
+from jouleswarm.report.curves import bytes_figure, rewards_figure
+from jouleswarm.report.figures import inline_svgs, write_figures
+from jouleswarm.runs.run import Run, load_run
+from jouleswarm.runs.summary import summarise
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from argon2 import PasswordHasher, Type, extract_parameters
 from cryptography import x509
 
-from common.errors import ConfigurationError
-from common.scenario import load_scenario
-from fleet.keys import make_keys, refresh_keys
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.fleet.keys import make_keys, refresh_keys
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -22,7 +22,7 @@ CLIENTS = ["agent-1", "agent-2", "agent-3", "agent-4", "datacenter", "recorder",
 
 
 def jouleswarm(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "fleet", *arguments]
+    command = [sys.executable, "-m", "jouleswarm", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
 
 

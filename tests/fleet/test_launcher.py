@@ -12,13 +12,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from common import topics
-from common.counters import read_counters
-from common.errors import RunError
-from common.mqtt import MqttBus
-from fleet import launcher as launching
-from fleet.endings import signal_of
-from fleet.launcher import Launcher
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.counters import read_counters
+from jouleswarm.common.wire import topics
+from jouleswarm.fleet import launcher as launching
+from jouleswarm.fleet.endings import signal_of
+from jouleswarm.fleet.launcher import Launcher
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -239,7 +239,7 @@ def test_a_broker_that_never_listens_is_not_waited_for_without_end(
 LAUNCHES = """
 import json, sys
 from pathlib import Path
-from fleet.launcher import Launcher
+from jouleswarm.fleet.launcher import Launcher
 
 with Launcher(Path(sys.argv[1])) as launcher:
     launcher.start_broker(["--no-metrics"])

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from common.errors import RunError
-from common.runlog import RoundRow
-from common.scenario import load_scenario
-from fleet.learning import check_learning
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.learning import check_learning
 
 TOY = load_scenario(Path(__file__).parents[2] / "scenarios" / "toy.toml", ["meta.adapt_from=[2]"])  # maml, fl
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.work import WorkRow
-from fleet.lost_work import lost_work
-from fleet.report import load_run, print_report
-from fleet.report_text import lost_table
-from fleet.summary import summarise
+from jouleswarm.common.meter.work import WorkRow
+from jouleswarm.report.report import load_run, print_report
+from jouleswarm.report.tables import lost_table
+from jouleswarm.runs.lost_work import lost_work
+from jouleswarm.runs.summary import summarise
 
 MOTIONS = 20  # of a round, by default
 Write = Callable[..., Path]

@@ -17,21 +17,22 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common import topics
-from common.meter import Meter
-from common.methods import META_METHODS, METHODS
-from common.runlog import RoundRow, RunDirectory
-from common.scenario import Scenario, scenario_from
-from fleet.prices import Prices
-from fleet.report import Run, load_run, report
-from fleet.report_bars import energy_figure, rounds_figure
-from fleet.report_columns import columns
-from fleet.report_curves import rewards_figure
-from fleet.report_format import TextTable
-from fleet.report_notes import headline, notes, verdicts
-from fleet.report_text import bytes_table, causes_table, rounds_table, sites_table, totals_table
-from fleet.run import manifest
-from fleet.summary import summarise
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.arms import META_METHODS, METHODS
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.prices import Prices
+from jouleswarm.fleet.deploy import manifest
+from jouleswarm.report.bars import energy_figure, rounds_figure
+from jouleswarm.report.curves import rewards_figure
+from jouleswarm.report.format import TextTable
+from jouleswarm.report.notes import headline, notes, verdicts
+from jouleswarm.report.report import Run, load_run, report
+from jouleswarm.report.tables import bytes_table, causes_table, rounds_table, sites_table, totals_table
+from jouleswarm.runs.columns import columns
+from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.summary import summarise
 
 RUN = "many"
 T0 = 6

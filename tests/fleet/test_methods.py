@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.energy import Counts, StageCounts, bill
-from common.meter import Meter, MeterRow
-from common.runlog import RoundRow
-from common.scenario import Scenario, scenario_from
-from common.settings import Energy
-from fleet.pricing import arm_counts, meta_counts, meta_rounds, task_counts, task_results
-from fleet.summary import summarise
+from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.equations import Counts, StageCounts, bill
+from jouleswarm.runs.facts import arm_counts, meta_counts, meta_rounds, task_counts, task_results
+from jouleswarm.runs.summary import summarise
 
 RUN = "r"
 TASKS = [{"id": task, "map": "E*\n.X"} for task in (1, 2)]

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.errors import ConfigurationError
-from common.host import arithmetic
-from common.runlog import MANIFEST, ROUNDS, STATE
-from fleet import run as module
-from fleet.report_data import load_run
-from fleet.report_notes import notes
-from fleet.run import Options, resume_deployment
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.host import arithmetic
+from jouleswarm.fleet import deploy as module
+from jouleswarm.fleet.deploy import Options, resume_deployment
+from jouleswarm.report.notes import notes
+from jouleswarm.runs.directory import MANIFEST, ROUNDS, STATE
+from jouleswarm.runs.run import load_run
 
 HERE, THERE = "AVX2, one", "DEFAULT, one"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.packages import NAMES, ROOT, command_of, rivals
+from jouleswarm.fleet.packages import NAMES, ROOT, command_of, rivals
 
 STANDARD = ("json", "random", "types", "logging", "sitecustomize", "numpy", "torch")
 

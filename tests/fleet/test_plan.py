@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fleet.faults import KINDS, FaultKind
-from fleet.plan import PHASES, Fault, plan_faults
+from jouleswarm.chaos.faults import KINDS, FaultKind
+from jouleswarm.chaos.plan import PHASES, Fault, plan_faults
 
 
 def test_the_first_faults_are_one_of_every_kind() -> None:

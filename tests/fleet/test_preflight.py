@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from common.broker_url import BrokerAddress
-from common.bus import MemoryBus, MemoryHub, Message
-from common.errors import ConfigurationError, MessageTooLargeError
-from common.scenario import Scenario, load_scenario
-from common.size_limit import SizeLimit
-from fleet import preflight
-from fleet.preflight import check_largest_message, largest_message
+from jouleswarm.common.bus.address import BrokerAddress
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.bus.size_limit import SizeLimit
+from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.fleet import preflight
+from jouleswarm.fleet.preflight import check_largest_message, largest_message
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 # Two convolutions (4x4 on 4 channels to 8, 3x3 to 16) leave 16 x 5 x 3 of 16 x 12; 32 units; 4 actions. The meta-model

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from common.errors import ConfigurationError
-from common.settings import Energy
-from fleet.prices import Prices, parse_beta, reprice
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.prices import Prices, parse_beta, reprice
 
 
 def test_beta_is_a_number_of_one_or_more() -> None:

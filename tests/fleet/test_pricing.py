@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from common.energy import Counts, StageCounts
-from common.meter import Meter
-from common.scenario import Scenario, scenario_from
-from common.topics import Link, weights
-from fleet.pricing import TaskResult, arm_counts, meta_rounds, task_counts, task_results
-from fleet.summary import summarise
-from fleet.traffic import Traffic, metered_by, traffic
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire.topics import Link, weights
+from jouleswarm.energy.equations import Counts, StageCounts
+from jouleswarm.runs.facts import TaskResult, arm_counts, meta_rounds, task_counts, task_results
+from jouleswarm.runs.summary import summarise
+from jouleswarm.runs.traffic import Traffic, metered_by, traffic
 
 LITERAL_MAML = {
     "ml_learning": 2364.72,  # 1.67 x (3 rounds x 2 tasks x 20 gradients) x 11.8 J

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from common.errors import RunError
-from fleet.proxy import Proxy, Slowness
+from jouleswarm.chaos.proxy import Proxy, Slowness
+from jouleswarm.common.errors import RunError
 
 DEADLINE_S = 20.0
 PAST_MARK = 200

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet import ramdisk
-from fleet.ramdisk import ram_disk
+from jouleswarm.chaos import ramdisk
+from jouleswarm.chaos.ramdisk import ram_disk
 
 
 def test_a_full_disk_takes_nothing_and_is_copied_whole_in_the_end(tmp_path: Path) -> None:

@@ -9,15 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.bus import MemoryBus, MemoryHub
-from common.errors import RunError
-from common.meter import Meter
-from common.payloads import Acknowledgement, ModelHeader, Presence, Wait, decode_json, encode_json, encode_model
-from common.reports import MeterReport, Telemetry
-from common.runlog import MANIFEST, RoundRow, RunDirectory
-from common.scenario import Scenario, scenario_from
-from fleet.recorder import Recorder
+from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
+from jouleswarm.common.bus.reporter import MeterReport, Telemetry
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
+    Acknowledgement,
+    ModelHeader,
+    Presence,
+    Wait,
+    decode_json,
+    encode_json,
+    encode_model,
+)
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.recorder import Recorder
+from jouleswarm.runs.directory import MANIFEST, RunDirectory
 
 RUN = "r"
 DEADLINE_S = 20.0
@@ -199,7 +208,7 @@ def test_each_piece_of_a_report_is_acknowledged_by_its_name(table: Table) -> Non
 def test_a_report_of_more_counters_than_a_process_can_have_ends_the_run(
     table: Table, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fleet.handed_in.MAX_ROWS", 1)
+    monkeypatch.setattr("jouleswarm.fleet.handed_in.MAX_ROWS", 1)
     table.report("agent-1", client_counters("agent-1", WEIGHTS, "out", 1000), last=False)
     table.report("agent-1", client_counters("agent-1", WEIGHTS, "in", 1000), piece=2)
     with pytest.raises(RunError, match="the report of agent-1 has over 1 counters"):

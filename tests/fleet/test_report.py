@@ -8,18 +8,18 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.energy import TABLE_I
-from common.errors import ConfigurationError, RunError
-from common.meter import Meter
-from common.runlog import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
-from common.settings import Energy
-from common.topics import weights
-from fleet.prices import Prices, reprice
-from fleet.report import load_run, print_report, report
-from fleet.report_columns import closed_bill, columns, control_j, measured_parts
-from fleet.report_format import bytes_text, joules_text
-from fleet.report_notes import notes, verdicts
-from fleet.summary import summarise
+from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.wire.topics import weights
+from jouleswarm.energy.equations import TABLE_I
+from jouleswarm.energy.prices import Prices, reprice
+from jouleswarm.report.format import bytes_text, joules_text
+from jouleswarm.report.notes import notes, verdicts
+from jouleswarm.report.report import load_run, print_report, report
+from jouleswarm.runs.columns import closed_bill, columns, control_j, measured_parts
+from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
+from jouleswarm.runs.summary import summarise
 
 
 @pytest.fixture

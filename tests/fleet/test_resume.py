@@ -9,14 +9,15 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.counters import Counters
-from common.errors import ConfigurationError, RunError
-from common.lock import Lock
-from common.runlog import RoundRow, RunDirectory
-from common.scenario import Scenario, scenario_from
-from common.state import State, StateFile
-from fleet import run as module
-from fleet.run import manifest, resume_deployment, run_deployment
+from jouleswarm.common.disk.lock import Lock
+from jouleswarm.common.disk.state import State, StateFile
+from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.counters import Counters
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet import deploy as module
+from jouleswarm.fleet.deploy import manifest, resume_deployment, run_deployment
+from jouleswarm.runs.directory import RunDirectory
 
 
 @pytest.fixture(autouse=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError
-from common.runlog import RoundRow
-from fleet.resume import check_is_there
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.resume import check_is_there
 
 PROCESSES = ("agent-1", "agent-2", "agent-3", "datacenter", "broker")
 KEPT = {"datacenter": "counters.keys", "broker": "counters.keys"}

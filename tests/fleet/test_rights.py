@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.scenario import load_scenario
-from fleet.rights import clients_of, rights_file, rights_of
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.fleet.rights import clients_of, rights_file, rights_of
 
 ROOT = Path(__file__).parents[2]
 RUN, ARM = "+", "+"
 TOY = load_scenario(ROOT / "scenarios" / "toy.toml")  # task 1: robots 1, 2; task 2: robots 3, 4
-# Functions of common/topics.py that make no topic.
+# Functions of common/wire/topics.py that make no topic.
 READERS = {"run_name", "link_of", "run_of", "arm_of", "task_of", "phase_of"}
 
 
@@ -92,9 +92,9 @@ def test_every_kind_of_topic_is_in_the_rights() -> None:
     kinds = {
         name for name, each in inspect.getmembers(topics, inspect.isfunction) if each.__module__ == topics.__name__
     }
-    source = inspect.getsource(__import__("fleet.rights", fromlist=["rights"]))
+    source = inspect.getsource(__import__("jouleswarm.fleet.rights", fromlist=["rights"]))
     missing = {name for name in kinds - READERS if f"topics.{name}(" not in source}
-    assert missing == set(), "a new topic needs a writer and a reader in fleet/rights.py"
+    assert missing == set(), "a new topic needs a writer and a reader in jouleswarm/fleet/rights.py"
 
 
 def test_a_client_for_each_robot_the_data_center_the_recorder_and_the_health_check() -> None:

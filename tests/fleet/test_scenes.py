@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError, RunError
-from fleet.plan import Fault
-from fleet.scenes import between, is_due_to
+from jouleswarm.chaos.plan import Fault
+from jouleswarm.chaos.scenes import between, is_due_to
+from jouleswarm.common.errors import ConfigurationError, RunError
 
 
 @pytest.fixture

@@ -7,15 +7,16 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common import topics
-from common.bus import MemoryHub
-from common.payloads import encode_json
-from common.reports import Telemetry
-from common.runlog import RoundRow, RunDirectory
-from common.scenario import Scenario, scenario_from
-from fleet import view as module
-from fleet.recorder import Recorder
-from fleet.view import View
+from jouleswarm.common.bus.bus import MemoryHub
+from jouleswarm.common.bus.reporter import Telemetry
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import encode_json
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.recorder import Recorder
+from jouleswarm.report import view as module
+from jouleswarm.report.view import View
+from jouleswarm.runs.directory import RunDirectory
 
 RUN = "r"
 

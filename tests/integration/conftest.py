@@ -21,10 +21,10 @@ import psutil
 import pytest
 import safetensors.numpy
 
-from common.methods import METHODS
-from common.mqtt import MqttBus
-from common.payloads import ModelHeader, encode_model
-from common.savedmodel import check_model
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.scenario.arms import METHODS
+from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.saved_models import check_model
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -116,7 +116,7 @@ class Starter:
         return self(sys.executable, "-m", *arguments, **environment)
 
     def jouleswarm(self, *arguments: str, **environment: str) -> Started:
-        return self.python("fleet", *arguments, **environment)
+        return self.python("jouleswarm", *arguments, **environment)
 
     def end(self) -> None:
         for each in self.started:
@@ -293,10 +293,10 @@ class ByHand:
         return started
 
     def robot(self, agent: int, *options: str) -> Started:
-        return self.start.python("agents", "--id", str(agent), *self._common, *options)
+        return self.start.python("jouleswarm.agents", "--id", str(agent), *self._common, *options)
 
     def data_center(self, *options: str) -> Started:
-        return self.start.python("datacenter", *self._common, *options)
+        return self.start.python("jouleswarm.datacenter", *self._common, *options)
 
     def run(self, recorder: Started) -> Run:
         """The run directory, once the recorder has ended well."""

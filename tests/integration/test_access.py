@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.errors import ConfigurationError
-from common.keys import credentials_of
-from common.methods import METHODS
-from common.mqtt import MqttBus
-from common.payloads import Presence, decode_json
+from jouleswarm.common.bus.credentials import credentials_of
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.arms import METHODS
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, decode_json
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -40,7 +40,7 @@ class Guarded:
 @pytest.fixture
 def guarded(keys: Path) -> Iterator[Guarded]:
     """A broker with the toy scenario's folder of keys."""
-    command = [sys.executable, "-m", "broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin"]
+    command = [sys.executable, "-m", "jouleswarm.broker", "--port", "0", "--metrics-port", "0", "--exit-with-stdin"]
     with subprocess.Popen(
         [*command, "--keys", str(keys)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
@@ -152,8 +152,8 @@ def test_a_robot_with_the_keys_of_another_scenario_says_so_at_once(
     guarded: Guarded, keys: Path, start: Any, tmp_path: Path
 ) -> None:
     robot = start.python(
-        "agents", "--scenario", TOY, "--set", "federation.robots_per_cluster=5", "--id", "9", "--broker", guarded.url,
-        "--keys", str(keys),
+        "jouleswarm.agents", "--scenario", TOY, "--set", "federation.robots_per_cluster=5", "--id", "9",
+        "--broker", guarded.url, "--keys", str(keys),
     )  # fmt: skip
     assert robot.ends() == 2
     (line,) = robot.printed.splitlines()

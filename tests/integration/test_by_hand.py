@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import safetensors.numpy
 
-from common import topics
-from common.bus import Message
-from common.mqtt import MqttBus
-from common.payloads import Presence, RoundRequest, decode_json
+from jouleswarm.common.bus.bus import Message
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, RoundRequest, decode_json
 from tests.integration.conftest import on_the_wire
 
 TOY = str(Path(__file__).parents[2] / "scenarios" / "toy.toml")

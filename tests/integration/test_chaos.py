@@ -13,15 +13,15 @@ import psutil
 import pytest
 from rich.console import Console
 
-from common import topics
-from common.bus import Message
-from common.mqtt import MqttBus
-from common.payloads import Presence, decode_json
-from common.scenario import load_scenario
-from fleet.chaos import outcome
-from fleet.launcher import Launcher
-from fleet.recorder import Recorder
-from fleet.run import Options, run_deployment
+from jouleswarm.chaos.chaos import outcome
+from jouleswarm.common.bus.bus import Message
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, decode_json
+from jouleswarm.fleet.deploy import Options, run_deployment
+from jouleswarm.fleet.launcher import Launcher
+from jouleswarm.fleet.recorder import Recorder
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")

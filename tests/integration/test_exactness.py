@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks.in_memory import run_in_memory
-from common.scenario import scenario_from
+from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.simulation import run_in_memory
 from tests.integration.conftest import on_the_wire
 
 Count = tuple[int, int, int]

@@ -143,17 +143,17 @@ def nowhere() -> str:
 @pytest.mark.parametrize(
     "command",
     [
-        ("agents", "--id", "1", "--scenario", TOY),
-        ("datacenter", "--scenario", TOY),
-        ("fleet", "run", TOY),
-        ("fleet", "record", TOY),
+        ("jouleswarm.agents", "--id", "1", "--scenario", TOY),
+        ("jouleswarm.datacenter", "--scenario", TOY),
+        ("jouleswarm", "run", TOY),
+        ("jouleswarm", "record", TOY),
     ],
     ids=lambda command: " ".join(command[:2]),
 )
 def test_a_broker_that_is_not_there_is_said_with_exit_code_3(
     command: tuple[str, ...], nowhere: str, start: Any, tmp_path: Path
 ) -> None:
-    out = ("--out", str(tmp_path)) if command[0] == "fleet" else ()
+    out = ("--out", str(tmp_path)) if command[0] == "jouleswarm" else ()
     process = start.python(*command, "--broker", nowhere, *out, *sets(("bus.connect_timeout_s=1",)))
     assert process.ends() == 3, process.printed
     last = process.printed.splitlines()[-1]
@@ -186,7 +186,7 @@ WRONG_ROBOTS = {
 @pytest.mark.parametrize("case", WRONG_ROBOTS)
 def test_a_robot_started_wrongly_says_so_in_one_line_with_exit_code_2(case: str, start: Any) -> None:
     options, said = WRONG_ROBOTS[case]
-    process = start.python("agents", "--scenario", TOY, *options)
+    process = start.python("jouleswarm.agents", "--scenario", TOY, *options)
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert line.startswith(f"robot {options[1]}: ")
@@ -195,7 +195,7 @@ def test_a_robot_started_wrongly_says_so_in_one_line_with_exit_code_2(case: str,
 
 def test_every_option_of_a_robot_is_taken_from_the_environment_too(start: Any, nowhere: str) -> None:
     process = start.python(
-        "agents", JOULESWARM_ID="1", JOULESWARM_TASK="1", JOULESWARM_SCENARIO=TOY, JOULESWARM_BROKER=nowhere,
+        "jouleswarm.agents", JOULESWARM_ID="1", JOULESWARM_TASK="1", JOULESWARM_SCENARIO=TOY, JOULESWARM_BROKER=nowhere,
         JOULESWARM_RUN="r", JOULESWARM_SET="bus.connect_timeout_s=0.5", JOULESWARM_VERBOSE="0",
     )  # fmt: skip
     assert process.ends() == 3
@@ -203,7 +203,7 @@ def test_every_option_of_a_robot_is_taken_from_the_environment_too(start: Any, n
 
 
 def test_a_data_center_without_an_arm_to_serve_says_so(start: Any) -> None:
-    process = start.python("datacenter", "--scenario", TOY, *sets(("methods=['fl']",)))
+    process = start.python("jouleswarm.datacenter", "--scenario", TOY, *sets(("methods=['fl']",)))
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert "need no data center" in line

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.runlog import RoundRow
-from common.scenario import load_scenario
-from fleet.launcher import Launcher
-from fleet.recorder import Recorder
-from fleet.run import Options, run_deployment
+from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.fleet.deploy import Options, run_deployment
+from jouleswarm.fleet.launcher import Launcher
+from jouleswarm.fleet.recorder import Recorder
 from tests.integration.conftest import DEADLINE_S, ROOT, TOY
 
 # Long enough for a fast machine not to be through with it before the recorder has seen what a signal waits for.

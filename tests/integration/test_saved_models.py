@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from benchmarks.in_memory import Outcome, run_in_memory
-from common.payloads import ModelHeader, encode_model
-from common.qnetwork import build_qnetwork, observations, to_weights
-from common.savedmodel import check_model
-from common.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.saved_models import check_model
+from jouleswarm.learning.networks import build_qnetwork, observations, to_weights
+from jouleswarm.simulation import Outcome, run_in_memory
 
 ROOT = Path(__file__).parents[2]
 TASKS = (1, 2)

@@ -20,7 +20,7 @@ ENDED_WITHIN_S = 15.0
 def command(folder: Path, *overrides: str, seeds: int = 1) -> list[str]:
     sets = [part for each in (*SMALL, *overrides) for part in ("--set", each)]
     where = ["--work", str(folder / "work"), "--results", str(folder / "results")]
-    return ["studies", "study", "paper", "--scenario", TOY, "--seeds", str(seeds), "--workers", "1", *where, *sets]
+    return ["jouleswarm", "study", "paper", "--scenario", TOY, "--seeds", str(seeds), "--workers", "1", *where, *sets]
 
 
 def facts(folder: Path) -> list[dict[str, str]]:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import safetensors
 
-from common.metaheads import head_of, meta_shapes
-from common.meter import MeterRow
-from common.qnetwork import build_qnetwork, shapes_of
-from common.runlog import RoundRow
-from common.scenario import scenario_from
+from jouleswarm.common.meter.meter import MeterRow
+from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.learning.heads import head_of, meta_shapes
+from jouleswarm.learning.networks import build_qnetwork, shapes_of
 
 ARMS = ("maml", "fl")
 LINKS = {"uplink", "downlink", "sidelink", "control"}

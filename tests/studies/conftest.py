@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from common.scenario import Scenario, load_scenario
-from studies.engine import FACTS
-from studies.facts import write_facts
-from studies.record import Record, write_record
-from studies.run import make_tables
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.studies.engine import FACTS
+from jouleswarm.studies.facts import write_facts
+from jouleswarm.studies.record import Record, write_record
+from jouleswarm.studies.run import make_tables
 from tests.studies.made_up import SEEDS, paper_facts
 
 ROOT = Path(__file__).parents[2]

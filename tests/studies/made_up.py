@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from common.methods import Arm
-from fleet.paper import TABLE_II
-from studies.facts import Fact
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.energy.paper import TABLE_II
+from jouleswarm.studies.facts import Fact
 
 SEEDS = (1, 2, 3)
 UL_BYTES, W_BYTES = 24_600_000, 5_600_000  # a training robot's round up, a robot's weights: Table I

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.energy import Counts
-from common.errors import StudyError
-from common.methods import Arm
-from common.settings import Energy
-from studies.breakeven import Costs, MeanCounts, break_even_tasks, costs, gain, gain_map, mean_counts
+from jouleswarm.common.errors import StudyError
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.equations import Counts
+from jouleswarm.studies.breakeven import Costs, MeanCounts, break_even_tasks, costs, gain, gain_map, mean_counts
 from tests.studies.made_up import meta_fact, task_fact
 
 # 8 bit a byte at 8 bit/J: one joule a byte.

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fleet import cli as fleet_cli
-from studies import cli, run
-from studies.engine import FACTS
+from jouleswarm.cli import main as fleet_cli
+from jouleswarm.cli import study as cli
+from jouleswarm.studies import run
+from jouleswarm.studies.engine import FACTS
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")

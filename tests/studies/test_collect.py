@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.meter import Meter, MeterRow
-from common.runlog import RoundRow
-from common.scenario import scenario_from
-from fleet.report_data import Run
-from studies.collect import facts_of, first_round
-from studies.facts import Fact
+from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.runs.run import Run
+from jouleswarm.studies.collect import facts_of, first_round
+from jouleswarm.studies.facts import Fact
 
 NAME = "made-up"
 TASKS = [{"id": 1, "map": "E . \n * . \n X ."}, {"id": 2, "map": "E . \n * * \n . X"}]

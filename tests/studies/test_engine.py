@@ -14,17 +14,17 @@ import pytest
 from distributed import Client, LocalCluster
 from rich.console import Console
 
-import studies.cluster
-import studies.deployment
-from common.errors import RunError, StudyError
-from common.methods import Arm
-from studies.catalogue import kind_of
-from studies.cluster import connected
-from studies.engine import FACTS, collected, part_of, run_jobs
-from studies.facts import Fact, read_facts, write_facts
-from studies.jobs import Job, Request
-from studies.progress import Progress
-from studies.run import Where, run_study
+import jouleswarm.studies.cluster
+import jouleswarm.studies.deployment
+from jouleswarm.common.errors import RunError, StudyError
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.studies.catalogue import kind_of
+from jouleswarm.studies.cluster import connected
+from jouleswarm.studies.engine import FACTS, collected, part_of, run_jobs
+from jouleswarm.studies.facts import Fact, read_facts, write_facts
+from jouleswarm.studies.jobs import Job, Request
+from jouleswarm.studies.progress import Progress
+from jouleswarm.studies.run import Where, run_study
 from tests.studies.made_up import task_fact
 
 ROOT = Path(__file__).parents[2]
@@ -157,8 +157,8 @@ def test_a_comment_in_the_scenario_makes_no_other_job() -> None:
 def test_a_study_with_a_failed_job_has_tables_of_the_others_and_ends_with_its_name(
     cluster: Callable[..., Client], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(studies.cluster, "connected", lambda scheduler, workers: cluster())
-    monkeypatch.setattr(studies.deployment, "run_job", FailingDeployment())
+    monkeypatch.setattr(jouleswarm.studies.cluster, "connected", lambda scheduler, workers: cluster())
+    monkeypatch.setattr(jouleswarm.studies.deployment, "run_job", FailingDeployment())
     asked = Request(ROOT / "scenarios" / "quick.toml", (), (1, 2), 42)
     where = Where(tmp_path / "work", tmp_path / "results", 1, None, keep=False)
     with pytest.raises(StudyError, match=r"1 of 2 jobs failed, .* base-s002-\w+ \(RunError: agent-3 ended"):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.errors import StudyError
-from studies.estimates import estimate
+from jouleswarm.common.errors import StudyError
+from jouleswarm.studies.estimates import estimate
 
 
 def test_the_interval_of_three_seeds_is_students() -> None:

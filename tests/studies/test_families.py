@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import StudyError
-from common.maps import parse_map
-from studies.families import draw_family, drawing, similarity
+from jouleswarm.common.errors import StudyError
+from jouleswarm.environments.landmarks.families import draw_family, drawing, similarity
+from jouleswarm.environments.landmarks.maps import parse_map
 
 SEEDS = st.integers(0, 10_000)
 STEMS = st.integers(0, 6)

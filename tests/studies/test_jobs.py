@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError
-from common.scenario import Scenario
-from studies.catalogue import kind_of
-from studies.families import similarity
-from studies.jobs import Job, Request, range_of_seeds
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.environments.landmarks.families import similarity
+from jouleswarm.studies.catalogue import kind_of
+from jouleswarm.studies.jobs import Job, Request, range_of_seeds
 
 ROOT = Path(__file__).parents[2]
 QUICK, TOY = ROOT / "scenarios" / "quick.toml", ROOT / "scenarios" / "toy.toml"

@@ -9,20 +9,20 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.container import BarContainer
 
-from common.errors import ConfigurationError, StudyError
-from common.methods import Arm
-from common.scenario import Scenario
-from studies.catalogue import KINDS, kind_of
-from studies.codecs import codecs_figure
-from studies.engine import FACTS
-from studies.estimates import Estimate
-from studies.facts import Fact, processors_note, read_facts, write_facts
-from studies.kinds import write_csv_tables, write_outputs
-from studies.names import STUDIES
-from studies.paper_energy import EnergyRow, optimum
-from studies.record import RECORD, Record, read_record
-from studies.run import make_tables, reprice
-from studies.tables import estimate_text
+from jouleswarm.common.errors import ConfigurationError, StudyError
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.studies.catalogue import KINDS, kind_of
+from jouleswarm.studies.codecs import codecs_figure
+from jouleswarm.studies.engine import FACTS
+from jouleswarm.studies.estimates import Estimate
+from jouleswarm.studies.facts import Fact, processors_note, read_facts, write_facts
+from jouleswarm.studies.kinds import write_csv_tables, write_outputs
+from jouleswarm.studies.names import STUDIES
+from jouleswarm.studies.paper_energy import EnergyRow, optimum
+from jouleswarm.studies.record import RECORD, Record, read_record
+from jouleswarm.studies.run import make_tables, reprice
+from jouleswarm.studies.tables import estimate_text
 from tests.studies.made_up import meta_fact, pair_of_arms, task_fact
 
 Rows = list[dict[str, str]]

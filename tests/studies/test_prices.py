@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.methods import Arm
-from common.settings import Energy
-from studies.facts import Fact
-from studies.prices import PAIRS, Causes, causes, failures, moved_bytes, priced, runs_of
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.prices import PAIRS, Causes, causes, failures, moved_bytes, priced, runs_of
 from tests.studies.made_up import meta_fact, task_fact
 
 ONES = Energy(p0_w=1, t0_batch_s=1, pk_w=1, tk_batch_s=1, pue=1, ul_bit_per_j=8, sl_bit_per_j=8)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from studies.catalogue import kind_of
-from studies.engine import FACTS
-from studies.facts import read_facts
-from studies.kinds import write_csv_tables
-from studies.record import read_record
+from jouleswarm.studies.catalogue import kind_of
+from jouleswarm.studies.engine import FACTS
+from jouleswarm.studies.facts import read_facts
+from jouleswarm.studies.kinds import write_csv_tables
+from jouleswarm.studies.record import read_record
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = sorted(path.parent for path in ROOT.glob(f"results/*/{FACTS}"))

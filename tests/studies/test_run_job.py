@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import StudyError
-from studies.deployment import SETTINGS, run_job
-from studies.jobs import Job
+from jouleswarm.common.errors import StudyError
+from jouleswarm.studies.deployment import SETTINGS, run_job
+from jouleswarm.studies.jobs import Job
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_TASKS = Job("", 1, 'name = "x"\n', ("meta.t0=3",))
@@ -36,7 +36,7 @@ def test_the_process_that_leads_a_deployment_ends_it_when_its_stdin_is_closed(tm
     job = Job("", 1, (ROOT / "scenarios" / "toy.toml").read_text(), ())
     job.write(tmp_path)
     (tmp_path / SETTINGS).write_text("meta.t0=1000\n")
-    command = [sys.executable, "-m", "studies.child", str(tmp_path), "r"]
+    command = [sys.executable, "-m", "jouleswarm.studies.child", str(tmp_path), "r"]
     reading, writing = os.pipe()
     os.close(writing)
     done = subprocess.run(command, cwd=ROOT, stdin=reading, capture_output=True, text=True, timeout=60)

@@ -1,0 +1,369 @@
+"""What a robot says and hears: the bus seen with the robot's words.
+
+Every wait ends when the condition holds, however late the others come: nothing is timed but the request to send again
+what has not come, and for how long somebody may be silent (see common/bus/patience.py). A message that is not what its
+topic promises is refused and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jouleswarm.agents.absence import Absence
+from jouleswarm.agents.neighbourhood import Neighbourhood
+from jouleswarm.codecs.codec import Shapes, Tensors, Weights
+from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.common.bus.agreement import Agreement
+from jouleswarm.common.bus.bus import Bus, Message, Payload
+from jouleswarm.common.bus.identity import Identity
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.bus.reporter import Reporter
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.host import Others, arithmetic
+from jouleswarm.common.scenario.arms import SERVED_METHODS, Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Bus as BusSettings
+from jouleswarm.common.scenario.sections import Federation
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import (
+    ModelHeader,
+    Presence,
+    RoundRequest,
+    Wait,
+    decode_json,
+    encode_json,
+    read_model,
+)
+
+log = logging.getLogger("jouleswarm.agent")
+
+Arrived = dict[int, tuple[Weights, ModelHeader]]
+
+
+def names(agents: Sequence[int]) -> list[str]:
+    """Plain names of robots on the bus."""
+    return [f"agent-{agent}" for agent in agents]
+
+
+class Exchange:
+    """Robot `agent`'s side of the protocol. One thread."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        run: str,
+        here: Neighbourhood,
+        shapes: Shapes,
+        settings: BusSettings,
+        federation: Federation,
+        rows: Path | None = None,
+    ) -> None:
+        """`rows`: a file that keeps the rows of a robot that was killed."""
+        self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
+        self.qos, self.codec = settings.qos, federation.weights_codec
+        self.encoder = WeightsEncoder(self.codec)
+        self._absence = Absence(federation)
+        self._ahead: dict[int, tuple[Tensors, ModelHeader]] = {}
+        self._end_stage = 0
+        self.missed: tuple[int, ...] = ()
+        self._decoders: dict[int, WeightsDecoder] = {}
+        self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
+        self._datacenter_stage = 0
+        self._arrived: dict[int, dict[int, tuple[Tensors, ModelHeader]]] = {}  # decoded in the order of rounds
+        self._sent: dict[int, bytes] = {}
+        self.arm, self._word_topic = "", ""
+        self._subscriptions: list[str] = []
+        self._gathered = 0
+        self._is_back = False
+        self.awaited_round = 0
+        """Of the open arm, that others are waited for; 0: none."""
+        self._listener = Listener(bus, settings.resend_after_s, Patience(bus, run, federation.give_up_after_s))
+        assert self._listener.patience is not None
+        self._listener.patience.place = lambda client: (self._stage, max(self._sent, default=0))
+        self._listener.patience.told = self._take_answer
+        self.until = self._listener.until
+        self.handlers = self._listener.handlers
+        self.handlers |= {
+            "weights": self._take_weights,
+            "presence": self._take_presence,
+            "resend": self._take_resend,
+        }
+        processor = arithmetic()
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
+        self._others = Others(processor)
+        self._reporter = Reporter(self._listener, run, rows)
+        self._agreement: Agreement | None = None
+        self.report, self.announce = self._reporter.row, self._identity.announce
+
+    @property
+    def refused(self) -> int:
+        """Messages refused so far."""
+        return self._listener.refused
+
+    def repeated(self, message: Message) -> None:
+        """Book a message that had come before."""
+        self._listener.repeated(message, self.qos)
+
+    def claim(self) -> None:
+        """Be this robot, and the only one.
+
+        Raises:
+            ConfigurationError: another process is it.
+        """
+        self._identity.claim()
+        self._subscriptions += self._identity.filters
+
+    def agree(self, scenario: Scenario) -> None:
+        """Have one scenario with all others of the run.
+
+        Raises:
+            ConfigurationError: the run has another.
+        """
+        self._agreement = Agreement(self._listener, scenario, self.run)
+        self._agreement.settle()
+        self._subscriptions += self._agreement.filters
+
+    def join(self, arms: Sequence[Arm]) -> None:
+        """Listen to where the neighbours are, then say hello."""
+        here, run = self.here, self.run
+        self.subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
+        if any(arm.method in SERVED_METHODS for arm in arms):
+            self.subscribe(topics.presence(run, 0, 0))
+        self.announce(0)
+
+    def await_datacenter(self, stage: int) -> None:
+        """Wait until the data center serves the arm that `stage` opens."""
+        condition, what = lambda: self._datacenter_stage >= stage, lambda: "the data center to come"
+        self.until(condition, what, whom=lambda: [topics.DATACENTER])
+
+    def await_stage(self, stage: int) -> None:
+        """Wait until every neighbour has come as far as `stage`; serves requests meanwhile.
+
+        Raises:
+            RunError: one is so far ahead that it has been here with this robot.
+        """
+        self._absence.begin()
+
+        def behind() -> list[int]:
+            for each, reached in self._stages.items():
+                self._check_stage(each, reached, stage)
+            return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
+
+        self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
+
+    def open_arm(self, arm: Arm, here: Neighbourhood, end_stage: int) -> None:
+        """Listen to the neighbours' weights of this arm, `here` being its neighbourhood.
+
+        `end_stage`: of robots that are done with the arm.
+        """
+        run = self.run
+        self.here, self._end_stage, self._ahead = here, end_stage, {}
+        self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
+        self.encoder = WeightsEncoder(self.codec)
+        self._decoders = {each: self.decoder() for each in here.neighbours}
+        says = {"fedavg": topics.weights_up, "centralized": topics.episode}.get(arm.method, topics.weights)
+        self._word_topic = says(run, arm.name, here.task, here.agent)
+        self.subscribe(*(topics.weights(run, arm.name, here.task, each) for each in here.neighbours), qos=self.qos)
+        self.subscribe(topics.resend(run, arm.name, here.task, here.agent))
+
+    def publish_weights(self, weights: Weights, header: ModelHeader) -> bytes:
+        """Send this round's weights to the neighbours; kept for a round in case they ask again."""
+        payload = self.encoder.payload(weights, header, len(self.here.cluster))
+        self.publish_round(header.round, payload)
+        return payload
+
+    def publish_round(self, round_: int, payload: bytes) -> None:
+        """Say this round's word on the arm's topic; kept for a round in case somebody asks again."""
+        # Requests that came before there was anything to send are served by what is sent now.
+        self._listener.take_waiting()
+        self._sent = {round_: payload, **{r: p for r, p in self._sent.items() if r == round_ - 1}}
+        self._say(round_)
+
+    def gather(self, round_: int) -> Arrived:
+        """The neighbours' weights of `round_`, as they come out of the codec.
+
+        All of them; unless going on without the missing is allowed: then `missed` tells whose have not come.
+
+        Raises:
+            RunError: a neighbour is so far ahead that it has been here with this robot.
+        """
+        arrived = self._arrived.setdefault(round_, {})
+        self._absence.begin()
+
+        def missing() -> list[int]:
+            return [each for each in self.here.neighbours if each not in arrived]
+
+        def waited_for() -> list[int]:
+            for each in missing():
+                self._check_stage(each, self._stages.get(each, 0), self._end_stage - 1)
+            return [] if self.ahead else self._absence.waited_for([each for each in missing() if not self._past(each)])
+
+        def ask() -> None:
+            for each in missing():
+                topic = topics.resend(self.run, self.arm, self.here.task, each)
+                self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
+
+        self.awaited_round = round_
+        self.until(
+            lambda: not waited_for(),
+            lambda: f"round {round_} of robots {missing()}",
+            ask,
+            at_once=self._is_back,
+            whom=lambda: names(waited_for()),
+        )
+        self.awaited_round = 0
+        self._gathered, self._is_back, self.missed = round_, False, tuple(missing())
+        self._arrived = {each: held for each, held in self._arrived.items() if each > round_}
+        return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
+
+    @property
+    def ahead(self) -> int:
+        """The newest round heard of where neighbours have gone on without this robot; 0 if they have not."""
+        return max((header.round for _, header in self._ahead.values()), default=0)
+
+    def catch_up(self) -> Weights:
+        """The newest model of a neighbour that has gone on; its round is this robot's newest from here on."""
+        self._gathered, newest = self.ahead, max(self._ahead, key=lambda each: self._ahead[each][1].round)
+        (tensors, _), self._ahead, self._arrived = self._ahead[newest], {}, {}
+        return self._decoders[newest].decode(tensors)
+
+    def _past(self, agent: int) -> bool:
+        """Whether a neighbour will not send this round any more: it has ended, or caught up with a later one."""
+        later = any(agent in held for round_, held in self._arrived.items() if round_ > self._gathered + 1)
+        return self._absence.is_tolerated and (later or self._stages.get(agent, 0) >= self._end_stage)
+
+    def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
+        """Send something, at the scenario's QoS unless told otherwise."""
+        self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
+
+    def read(self, payload: Payload) -> tuple[Tensors, ModelHeader]:
+        """A model of this run's shape and codec, for a decoder.
+
+        Raises:
+            PayloadError: it is not one.
+        """
+        return read_model(payload, self._shapes, self.codec)
+
+    def decoder(self) -> WeightsDecoder:
+        """For the models of one sender in one arm."""
+        return WeightsDecoder(self.codec, self._shapes)
+
+    def hand_in(self, payload: bytes) -> None:
+        """The cluster's learned weights, for the run directory."""
+        self._reporter.deliver(topics.learned(self.run, self.arm, self.here.task), payload)
+
+    def see_off(self, done: int) -> None:
+        """Where no recorder keeps in mind who is done, wait until the neighbours know that nobody needs them either.
+
+        One that is killed before it knows comes back, and must find this robot.
+        """
+        if not self._reporter.has_recorder:
+            self.announce(done)
+            self.await_stage(done)
+
+    def hand_over(self, done: int, *, stay: bool) -> None:
+        """Hand in rows and byte counters, being at stage `done`; `stay`: until the whole run is recorded."""
+        if self._agreement is not None:
+            self._agreement.leave()
+        word = Presence(agent=self.here.agent, stage=done, state="done")
+        self._reporter.hand_over(self._subscriptions, self._identity.presence, word, stay=stay)
+
+    def leave(self) -> None:
+        """Disconnect."""
+        self._reporter.leave(self._identity.presence)
+
+    def state(self) -> State:
+        """The open arm's, at the end of a round: what neighbours may still ask for, and what the codec builds on."""
+        said = {str(round_): np.frombuffer(payload, np.uint8) for round_, payload in self._sent.items()}
+        decoders = {f"decoder-{agent}": decoder.state() for agent, decoder in self._decoders.items()}
+        return State.of({"said": State(said), "encoder": self.encoder.state(), **decoders})
+
+    def load_state(self, state: State) -> None:
+        """Take up what `state` returned, after `open_arm`."""
+        self._sent = {int(round_): payload.tobytes() for round_, payload in state.part("said").arrays.items()}
+        self._gathered, self._is_back = max(self._sent, default=0), True
+        self.encoder.load_state(state.part("encoder"))
+        for agent, decoder in self._decoders.items():
+            decoder.load_state(state.part(f"decoder-{agent}"))
+
+    def subscribe(self, *filters: str, qos: int = 1) -> None:
+        """Subscribe until the robot leaves."""
+        if filters:
+            self._bus.subscribe(*filters, qos=qos)
+            self._subscriptions += filters
+
+    def _take_weights(self, message: Message) -> None:
+        if topics.arm_of(message.topic) != self.arm:  # an answer to a request of the arm before, come late
+            return
+        agent = int(message.topic.split("/")[5])
+        tensors, header = self.read(message.payload)
+        told = header.reward is not None and header.rewards.get(agent, (0, 0.0))[0] == header.round
+        if (header.agent, header.task) != (agent, self.here.task) or not told or header.samples < 1:
+            raise PayloadError(
+                f"model of robot {header.agent}, task {header.task}, reward {header.reward}, rewards {header.rewards}, "
+                f"samples {header.samples}; expected robot {agent}, task {self.here.task}, its rewards and samples"
+            )
+        self._absence.here(agent)
+        # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
+        if header.round <= self._gathered or agent in self._arrived.get(header.round, {}):
+            self._listener.repeated(message, self.qos)
+        elif header.round <= self._gathered + 2:
+            self._arrived.setdefault(header.round, {})[agent] = (tensors, header)
+        elif self._absence.is_tolerated:
+            self._ahead[agent] = (tensors, header)
+
+    def _take_presence(self, message: Message) -> None:
+        if not message.payload:
+            return
+        presence = decode_json(message.payload, Presence)
+        if presence.agent != int(message.topic.split("/")[5]):
+            raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
+        if presence.agent == self.here.agent:
+            self._identity.heard(presence)
+        elif presence.state == "gone":
+            self._absence.gone(presence.agent)
+            name = f"robot {presence.agent}" if presence.agent else "data center"
+            does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
+            log.warning("%s is gone; %s", name, does)
+        elif presence.agent == 0:
+            self._others.heard(presence)
+            self._datacenter_stage = max(self._datacenter_stage, presence.stage)
+        elif presence.agent in self._stages:
+            self._others.heard(presence)
+            self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
+            self._absence.here(presence.agent)
+
+    @property
+    def _stage(self) -> int:
+        return self._identity.stage or 0
+
+    def _check_stage(self, agent: int, reached: int, stage: int) -> None:
+        # Nobody gets further than one stage ahead of a neighbour.
+        if reached > stage + 1 and not self._absence.is_tolerated:
+            raise self._left_behind(f"robot {agent}", f"at stage {reached}", f"stage {stage}")
+
+    def _take_answer(self, wait: Wait) -> None:
+        # Nor further than two rounds.
+        far = wait.round > self.awaited_round + 2 and (wait.stage - 1) // 2 == (self._stage - 1) // 2
+        if self.awaited_round and far and not self._absence.is_tolerated:
+            raise self._left_behind(wait.client, f"in round {wait.round} of {self.arm}", f"round {self.awaited_round}")
+
+    def _left_behind(self, who: str, there: str, here: str) -> RunError:
+        return RunError(
+            f"{who} is {there} already, and robot {self.here.agent} comes with {here}: its state is lost or of another "
+            f"time; give it the --state folder that it had in run {self.run}, or start all with an empty one"
+        )
+
+    def _take_resend(self, message: Message) -> None:
+        request = decode_json(message.payload, RoundRequest)
+        if request.first in self._sent:
+            self._say(request.first)
+
+    def _say(self, round_: int) -> None:
+        self._bus.publish(self._word_topic, self._sent[round_], qos=self.qos)

@@ -1,0 +1,304 @@
+"""The MQTT client under `MqttBus`: paho's, made fast for large messages and exact in what it counts.
+
+paho appends what it receives piece by piece and decodes the packet with three copies, and copies the rest of a
+packet at every send. The methods overridden here are paho's private ones (2.2); the network thread,
+reconnection, acknowledgements and keepalive remain paho's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import secrets
+import select
+import socket
+import ssl
+import time
+from collections.abc import Callable
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import MQTTErrorCode, _ConnectionState
+from paho.mqtt.exception import MalformedPacket
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from jouleswarm.common.bus.backlog import BacklogClient
+from jouleswarm.common.bus.refusals import TLS_ALERT, TlsAnswerError
+from jouleswarm.common.bus.suspects import Suspects
+from jouleswarm.common.meter.meter import packet_bytes
+
+logger = logging.getLogger("bus")
+
+SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
+PAUSE_S = 1.0  # between two looks whether there is room for what comes
+_PUBLISH, _DISCONNECT = 0x30, 0xE0
+_INCARNATION = re.compile(r"\.[0-9a-f]{8}$")
+
+OnTransfer = Callable[[str, int, int], None]
+
+
+def wire_id(name: str) -> str:
+    """MQTT client id of a new incarnation of the client called `name`: unique, so that none is taken over."""
+    return f"{name}.{secrets.token_hex(4)}"
+
+
+def name_of(client_id: str) -> str:
+    """The name that the bytes of an MQTT client id are booked under; undoes `wire_id`."""
+    return _INCARNATION.sub("", client_id)
+
+
+class FastClient(BacklogClient):
+    """paho's client with `recv_into` and gathered writes, which reads only what there is room for.
+
+    Callbacks, all called in the network thread:
+        on_sent(topic, payload_bytes, packet_bytes): a PUBLISH was written whole.
+        on_received(topic, payload, retained, packet_bytes): a PUBLISH came in whole.
+        has_room(): whether another packet may be read. While not, the broker is left to wait.
+        on_not_taken(topic, packet_bytes): the broker closes each connection on which this message is sent.
+        on_unreachable(error): a connection could not be made, or TLS failed; it is tried again unless this raises.
+        on_failure(error): the network thread ends by this error.
+    """
+
+    on_sent: OnTransfer
+    on_received: Callable[[str, memoryview, bool, int], None]
+    has_room: Callable[[], bool]
+    on_not_taken: Callable[[str, int], None]
+    on_unreachable: Callable[[OSError], None]
+    on_failure: Callable[[BaseException], None]
+
+    def __init__(self, client_id: str) -> None:
+        super().__init__(client_id)
+        self._suspects = Suspects()
+        self._header = bytearray()
+        self._body: memoryview | None = None
+        self._got = 0
+
+    # Sending
+
+    def _send_publish(
+        self,
+        mid: int,
+        topic: bytes,
+        payload: bytes | bytearray = b"",
+        qos: int = 0,
+        retain: bool = False,
+        dup: bool = False,
+        info: paho.MQTTMessageInfo | None = None,
+        properties: Properties | None = None,
+    ) -> MQTTErrorCode:
+        if not self.is_open:
+            return MQTTErrorCode.MQTT_ERR_NO_CONN
+        identifier = mid.to_bytes(2, "big") if qos else b""
+        header = bytearray((_PUBLISH | dup << 3 | qos << 1 | retain,))
+        self._pack_remaining_length(header, 2 + len(topic) + len(identifier) + len(payload))
+        header += len(topic).to_bytes(2, "big") + topic + identifier
+        packet: Any = _Parts(header, payload, topic)
+        return self._packet_queue(_PUBLISH, packet, mid, qos, info)
+
+    def _packet_write(self) -> MQTTErrorCode:
+        while self._out_packet:
+            packet = self._out_packet[0]
+            try:
+                sent = self._send_some(packet["packet"], packet["pos"])
+            except BlockingIOError:
+                return MQTTErrorCode.MQTT_ERR_AGAIN
+            except OSError:
+                if isinstance(self._sock, ssl.SSLSocket):  # what came before the end may say why
+                    self._packet_read()
+                return MQTTErrorCode.MQTT_ERR_CONN_LOST
+            self._progressed()
+            if packet["pos"] == 0 and isinstance(parts := packet["packet"], _Parts):
+                self._suspects.begun(packet["mid"] if packet["qos"] else parts.name, parts.name, len(parts))
+            packet["pos"] += sent
+            packet["to_process"] -= sent
+            if packet["to_process"] == 0:
+                self._out_packet.popleft()
+                self._written(packet)
+                if packet["command"] & 0xF0 == _DISCONNECT:
+                    return MQTTErrorCode.MQTT_ERR_SUCCESS
+        return MQTTErrorCode.MQTT_ERR_SUCCESS
+
+    def _send_some(self, packet: Any, start: int) -> int:
+        sock = self._sock
+        if not isinstance(sock, socket.socket):
+            raise ConnectionError("not connected")
+        return sock.sendmsg(packet.rest(start) if isinstance(packet, _Parts) else [memoryview(packet)[start:]])
+
+    def _written(self, packet: Any) -> None:
+        if isinstance(parts := packet["packet"], _Parts):
+            self.on_sent(parts.name, len(parts.payload), len(parts))
+            self._suspects.written(packet["mid"] if packet["qos"] else parts.name, time.monotonic())
+            if packet["qos"] == 0:
+                self.on_settled(len(parts.payload))
+        elif packet["command"] & 0xF0 == _DISCONNECT:
+            self._do_on_disconnect(packet_from_broker=False, v1_rc=MQTTErrorCode.MQTT_ERR_SUCCESS)
+            self._sock_close()
+            if self._state == _ConnectionState.MQTT_CS_DISCONNECTING:
+                self._state = _ConnectionState.MQTT_CS_DISCONNECTED
+
+    def _do_on_publish(self, mid: int, reason_code: ReasonCode, properties: Properties) -> MQTTErrorCode:
+        self._suspects.confirmed(mid)
+        size = len(self._out_messages[mid].payload)
+        result = super()._do_on_publish(mid, reason_code, properties)
+        self.on_settled(size)
+        return result
+
+    def _payload_bytes(self, packet: object) -> int:
+        return len(packet.payload) if isinstance(packet, _Parts) else 0
+
+    def reconnect(self) -> MQTTErrorCode:
+        self._suspects.connecting()
+        self._header.clear()
+        self._body = None
+        return super().reconnect()
+
+    def _loop_rc_handle(self, rc: MQTTErrorCode) -> MQTTErrorCode:
+        was_closed = rc == MQTTErrorCode.MQTT_ERR_CONN_LOST and self._state == _ConnectionState.MQTT_CS_CONNECTED
+        result = super()._loop_rc_handle(rc)
+        if was_closed and (suspect := self._suspects.lost(time.monotonic())) is not None:
+            self.on_not_taken(suspect.topic, suspect.packet_bytes)
+        return result
+
+    # Receiving
+
+    def _packet_read(self) -> MQTTErrorCode:
+        if self._body is None and not self._header and self.is_open and not self._finds_room():
+            return MQTTErrorCode.MQTT_ERR_AGAIN
+        try:
+            if (self._body is None and not self._read_fixed_header()) or not self._read_body():
+                return MQTTErrorCode.MQTT_ERR_CONN_LOST
+        except BlockingIOError:
+            return MQTTErrorCode.MQTT_ERR_AGAIN
+        except OSError as error:
+            if isinstance(error, ssl.SSLError | TlsAnswerError):
+                self.on_unreachable(error)
+            return MQTTErrorCode.MQTT_ERR_CONN_LOST
+        except MalformedPacket:
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+        assert self._body is not None
+        first, body = self._header[0], self._body
+        self._header.clear()
+        self._body = None
+        try:
+            return self._handle(first, body)
+        except MalformedPacket:
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+
+    def _finds_room(self) -> bool:
+        """Wait a moment for room to read on, or until there is something to write."""
+        if self.has_room():
+            return True
+        self._heard()  # no answer is overdue that nobody listens for; PINGREQs go on
+        sock, wake = self._sock, [] if self._sockpairR is None else [self._sockpairR]
+        select.select(wake, [sock] if self._out_packet and isinstance(sock, socket.socket) else [], [], PAUSE_S)
+        return self.has_room()
+
+    def look_again(self) -> None:
+        """There may be room now. From any thread."""
+        if self._sockpairW is not None:
+            with contextlib.suppress(BlockingIOError):  # it has been told already
+                self._sockpairW.send(b"0")
+
+    def _read_fixed_header(self) -> bool:
+        header = self._header
+        while len(header) < 2 or header[-1] >= 128:
+            if len(header) == 5:
+                raise MalformedPacket("remaining length of more than four bytes")
+            byte = self._sock_recv(1)
+            if not byte:
+                return False
+            header += byte
+        if header[:2] == TLS_ALERT:
+            raise TlsAnswerError("got a TLS alert, expected MQTT")
+        length = sum((digit & 127) << 7 * place for place, digit in enumerate(header[1:]))
+        self._body, self._got = memoryview(bytearray(length)), 0
+        self._heard()
+        return True
+
+    def _read_body(self) -> bool:
+        body, sock = self._body, self._sock
+        assert body is not None
+        while self._got < len(body):
+            if not isinstance(sock, socket.socket):
+                return False
+            count = sock.recv_into(body[self._got :])
+            if count == 0:
+                return False
+            self._got += count
+            self._heard()
+        return True
+
+    def _handle(self, first: int, body: memoryview) -> MQTTErrorCode:
+        if first & 0xF0 != _PUBLISH:
+            self._in_packet["command"] = first
+            self._in_packet["packet"] = bytearray(body)
+            self._in_packet["remaining_length"] = len(body)
+            return self._packet_handle()
+        qos = first >> 1 & 3
+        topic_end = 2 + int.from_bytes(body[:2], "big")
+        start = topic_end + (2 if qos else 0)
+        if len(body) < start or qos > 1:
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+        try:
+            topic = bytes(body[2:topic_end]).decode()
+        except UnicodeDecodeError:
+            logger.warning("ignored a message whose topic is not UTF-8: %r", bytes(body[2:topic_end]))
+        else:
+            self.on_received(topic, body[start:].toreadonly(), bool(first & 1), packet_bytes(len(body)))
+        if qos:
+            return self._send_puback(int.from_bytes(body[topic_end:start], "big"))
+        return MQTTErrorCode.MQTT_ERR_SUCCESS
+
+    # Life
+
+    # Progress on a large message is a sign of life. Without this, a message that takes longer than two keepalives
+    # is never sent: the PINGREQ waits behind it, paho gives up, reconnects and sends it again.
+
+    def _progressed(self) -> None:
+        now_s = time.monotonic()
+        with self._msgtime_mutex:
+            self._last_msg_out = self._last_bytes_received = now_s
+        if self._ping_t > 0:
+            self._ping_t = now_s
+
+    def _heard(self) -> None:
+        # Not a word from this client: the broker still waits for its PINGREQ.
+        with self._msgtime_mutex:
+            self._last_bytes_received = time.monotonic()
+        self._ping_t = 0.0
+
+    def _create_socket(self) -> Any:
+        try:
+            sock = super()._create_socket()
+        except OSError as error:
+            self.on_unreachable(error)
+            raise
+        if isinstance(sock, socket.socket):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER_BYTES)
+        return sock
+
+    def _thread_main(self) -> None:
+        try:
+            super()._thread_main()
+        except BaseException as error:  # noqa: BLE001 - raised again in the user's thread
+            self.on_failure(error)
+
+
+class _Parts:
+    """A PUBLISH packet in paho's queue: header and payload side by side, never joined."""
+
+    def __init__(self, header: bytearray, payload: bytes | bytearray, topic: bytes) -> None:
+        self.header, self.payload, self.name = header, memoryview(payload), topic.decode()
+
+    def __len__(self) -> int:
+        return len(self.header) + len(self.payload)
+
+    def rest(self, start: int) -> list[memoryview]:
+        head = len(self.header)
+        if start < head:
+            return [memoryview(self.header)[start:], self.payload]
+        return [self.payload[start - head :]]

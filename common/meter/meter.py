@@ -1,0 +1,147 @@
+"""Byte counters, the same on both sides of the bus, and beside a client's those of its work: facts only, never prices.
+
+MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length)) + remaining_length.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Literal, Self, cast
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from jouleswarm.common.meter.counters import Counters, Key, read_counters
+from jouleswarm.common.meter.work import WORK, Phase, Tally, WorkRow, work_key, work_rows
+from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
+
+Direction = Literal["in", "out", "acked", "repeated"]
+"""in, out: whole PUBLISH packets as the side sees them. acked, of the broker: those of out whose receipt the client
+has acknowledged. repeated, of a client: those of in that it had already, sent again because of a fault."""
+Side = Literal["broker", "client"]
+
+
+class MeterRow(BaseModel):
+    """Cumulative traffic of one client on one topic, in one direction as `side` sees it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    side: Side
+    arm: str
+    phase: str
+    topic: str
+    link: Link
+    client: str
+    direction: Direction
+    messages: int = Field(ge=0)
+    payload_bytes: int = Field(ge=0)
+    packet_bytes: int = Field(ge=0)
+
+    @classmethod
+    def of(cls, side: Side, client: str, topic: str, direction: Direction, counts: Sequence[int]) -> Self:
+        """The row of a metered topic; `counts` are messages, payload bytes and packet bytes."""
+        link = link_of(topic)
+        assert link is not None  # nothing else is ever counted
+        return cls(
+            side=side,
+            arm=arm_of(topic),
+            phase=phase_of(topic),
+            topic=topic,
+            link=link,
+            client=client,
+            direction=direction,
+            messages=counts[0],
+            payload_bytes=counts[1],
+            packet_bytes=counts[2],
+        )
+
+
+class Meter:
+    """Counts messages, payload bytes and packet bytes per (client, topic, direction). Thread-safe.
+
+    With a folder a process that was killed goes on counting from where it was (see `common.meter.counters`).
+    """
+
+    def __init__(self, side: Side, folder: Path | None = None) -> None:
+        self._side: Side = side
+        self._counters = Counters(folder)
+        self._lock = threading.Lock()
+
+    def count(self, client: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
+        """Book one PUBLISH packet; topics without a link class are not metered."""
+        if link_of(topic) is None:
+            return
+        with self._lock:
+            self._counters.cell((client, topic, direction)).add(payload_bytes, packet_bytes)
+
+    def rows(self) -> list[MeterRow]:
+        """The counters as rows, in a stable order."""
+        with self._lock:
+            return rows_of(self._side, self._counters.items())
+
+    def totals(self, direction: Direction) -> dict[str, int]:
+        """Payload bytes so far in one direction, by link class."""
+        totals = {link.value: 0 for link in Link}
+        with self._lock:
+            for (_, topic, counted), (_, payload_bytes, _) in self._counters.items():
+                if counted == direction:
+                    totals[str(link_of(topic))] += payload_bytes
+        return totals
+
+    def tally(self, phase: Phase, arm: str, task: int) -> Tally:
+        """Where the process books what it computes and moves there; kept as the bytes are."""
+        with self._lock:
+            return Tally(self._counters.cell(work_key(phase, arm, task)))
+
+    def work(self, client: str) -> list[WorkRow]:
+        """What `client`, whose meter this is, has done."""
+        with self._lock:
+            return work_rows(client, self._counters.items())
+
+    def flush(self) -> None:
+        """Have the counts on the disk, if there is a folder."""
+        self._counters.flush()
+
+
+def rows_of(side: Side, items: Iterable[tuple[Key, Sequence[int]]]) -> list[MeterRow]:
+    """Counted cells of bytes as rows."""
+    return [
+        MeterRow.of(side, client, topic, cast(Direction, direction), counts)
+        for (client, topic, direction), counts in items
+        if counts[0] and direction != WORK
+    ]
+
+
+def read_rows(side: Side, folder: Path) -> list[MeterRow]:
+    """The rows of a meter whose process may have been killed."""
+    return rows_of(side, sorted(read_counters(folder).items()))
+
+
+def read_work(client: str, folder: Path) -> list[WorkRow]:
+    """What a process that may have been killed has done."""
+    return work_rows(client, sorted(read_counters(folder).items()))
+
+
+def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
+    """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
+    return packet_bytes(publish_body_bytes(topic, payload_bytes, qos))
+
+
+def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
+    """Its remaining length: what brokers have a limit for."""
+    return 2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes
+
+
+def packet_bytes(remaining_length: int) -> int:
+    """Size of a whole packet from its remaining length (MQTT 3.1.1, section 2.2.3)."""
+    varint = 1
+    while remaining_length >= 128**varint:
+        varint += 1
+    return 1 + varint + remaining_length
+
+
+def received(rows: Iterable[MeterRow], side: Side) -> list[MeterRow]:
+    """Rows of what subscribers got, as `side` counted it: the broker's deliveries or the clients' receipts."""
+    direction = "out" if side == "broker" else "in"
+    return [row for row in rows if row.side == side and row.direction == direction]

@@ -1,0 +1,91 @@
+"""Motions as the data center keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from jouleswarm.codecs.observations import decode_experience
+from jouleswarm.common.bus.bus import Payload
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.messages import MotionHeader
+from jouleswarm.learning.replay import Replay
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion: the frame at the network's size, uint8 [height, width, 4], and what the payload weighed."""
+
+    frame: npt.NDArray[np.uint8]
+    header: MotionHeader
+    payload_bytes: int = 0
+
+
+def read_motion(payload: Payload, scenario: Scenario) -> Motion:
+    """A motion from the uplink.
+
+    Raises:
+        PayloadError: it is none of this scenario's frame size and codec.
+    """
+    camera, network = scenario.camera, scenario.network
+    codec, sizes = scenario.meta.experience_codec, ((camera.width, camera.height), (network.width, network.height))
+    frame, header = decode_experience(payload, codec, *sizes)
+    return Motion(frame, header, len(payload))
+
+
+class Walks:
+    """Robots' walks on their way into one replay memory, a round of one robot at a time.
+
+    A motion becomes a transition when the frame after it has come. After a round's last motion that is the next
+    round's first frame: robots go on where they stand. Other robots' frames may have come between, so the last motion
+    is held here until then and put in once more: no transition joins two robots, two episodes, or motions that do not
+    follow one another. The last motion of a truncated episode never becomes one, for nothing was seen after it.
+    """
+
+    def __init__(self, replay: Replay, motions_per_round: int) -> None:
+        self._replay, self._per_round = replay, motions_per_round
+        self._held: dict[int, Motion] = {}  # robot -> its newest motion, unless that ended an episode
+        self._newest = 0  # the robot whose frame is the memory's newest
+
+    def remember(self, motions: Iterable[Motion]) -> None:
+        """Put in motions, each robot's in the order of time."""
+        for motion in motions:
+            agent = motion.header.agent
+            before = self._held.pop(agent, None)
+            follows = before is not None and self._follows(before.header, motion.header)
+            if before is not None and follows and self._newest != agent:
+                self._put(before, first=True)
+            self._put(motion, first=not follows)
+            self._newest = agent
+            if not motion.header.terminated:
+                self._held[agent] = motion
+
+    def _put(self, motion: Motion, *, first: bool) -> None:
+        header = motion.header
+        self._replay.observe(motion.frame, first=first)
+        self._replay.act(header.action, header.reward, terminated=header.terminated)
+
+    def _follows(self, before: MotionHeader, after: MotionHeader) -> bool:
+        # A robot that was left out of a round (federation.on_missing) has moved on meanwhile.
+        return not after.first and self._place(after) == self._place(before) + 1
+
+    def _place(self, header: MotionHeader) -> int:
+        return header.round * self._per_round + header.motion
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`; the memory's own is apart."""
+        frames = {str(agent): motion.frame for agent, motion in self._held.items()}
+        headers = {str(agent): motion.header.model_dump(by_alias=True) for agent, motion in self._held.items()}
+        return State(frames, {"newest": self._newest, "held": headers})
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        self._newest = state.values["newest"]
+        self._held = {
+            int(agent): Motion(state.arrays[agent], MotionHeader.model_validate(header))
+            for agent, header in state.values["held"].items()
+        }

@@ -1,5 +1,0 @@
-"""`python -m fleet`: the same as `jouleswarm`."""
-
-from fleet.cli import main
-
-main()

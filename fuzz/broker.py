@@ -1,0 +1,201 @@
+"""Broken clients against a real broker process, while an honest pair exchanges numbered messages through it.
+
+    python -m fuzz.broker [--connections 100000] [--seed 1] [--at-once 48] [--minutes 10]
+
+The broker must live, answer, end whom it must end, come back to the file descriptors that it had, stay within
+--rss-limit-mb and log no traceback; of the honest messages none may be lost, changed or out of order. Exit code 1
+otherwise. Connections end with RST, so that the machine does not run out of ports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import itertools
+import json
+import math
+import random
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from fuzz.honest_pair import HonestPair
+from fuzz.hostile_packets import KINDS, Kind, connect
+from jouleswarm.common.bus.mqtt import parse_url
+
+MEGABYTE = 1024 * 1024
+LIMITS = ("--max-retained-mb", "8", "--max-offline-sessions", "200")
+ANSWER_S = 30.0
+LINGER_S = 0.05  # for what the broker need not end
+DELAYS = {"median delay": "median_s", "99%": "p99_s", "longest": "max_s"}
+_RST = struct.pack("ii", 1, 0)
+
+
+@dataclass
+class Result:
+    """Of one run; `wrong` is what the oracle found."""
+
+    by_kind: dict[str, Counter[str]]
+    seconds: float = 0.0
+    cpu_s: float = 0.0
+    rss_growth_bytes: int = 0
+    fds: tuple[int, int] = (0, 0)
+    honest: dict[str, float] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)
+
+
+@contextlib.contextmanager
+def broker_process(log: Path) -> Iterator[tuple[str, psutil.Process, subprocess.Popen[str]]]:
+    """URL and process of a broker with small limits, its log in a file."""
+    command = [sys.executable, "-m", "jouleswarm.broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *LIMITS]
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+    ):
+        assert process.stdin is not None
+        assert process.stdout is not None
+        url = json.loads(process.stdout.readline())["url"]
+        try:
+            yield url, psutil.Process(process.pid), process
+        finally:
+            process.stdin.close()
+            process.wait(timeout=ANSWER_S)
+
+
+async def be_hostile(kind: Kind, address: tuple[str, int], rng: random.Random) -> str:
+    """One connection; returns who ended it: broker, us, or late (the broker, who should have)."""
+    loop = asyncio.get_running_loop()
+    with socket.socket() as sock:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RST)
+        try:
+            await loop.sock_connect(sock, address)
+            if kind.connects:
+                client_id = kind.client_id or f"{rng.randrange(10**9)}"
+                will = ("will/fuzz", b"gone") if kind.will else None
+                await loop.sock_sendall(
+                    sock, connect(client_id, clean=kind.clean, keepalive_s=kind.keepalive_s, will=will)
+                )
+                await asyncio.wait_for(loop.sock_recv(sock, 4), ANSWER_S)
+            data = kind.make(rng)
+            for piece in (data[i : i + 1] for i in range(len(data))) if kind.slowly else (data,):
+                await asyncio.wait_for(loop.sock_sendall(sock, piece), ANSWER_S)
+                await asyncio.sleep(0.01 if kind.slowly else 0)
+            return await _end_of(sock, kind)
+        except (ConnectionError, TimeoutError) as error:
+            return "late" if isinstance(error, TimeoutError) else "broker"
+
+
+async def _end_of(sock: socket.socket, kind: Kind) -> str:
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(ANSWER_S if kind.ends else LINGER_S):
+            while await loop.sock_recv(sock, 65536):
+                pass
+        return "broker"
+    except TimeoutError:
+        return "late" if kind.ends else "us"
+
+
+async def attack(
+    address: tuple[str, int], connections: int, seed: int, at_once: int, minutes: float
+) -> dict[str, Counter[str]]:
+    """All connections, `at_once` of them at a time; their order and bytes follow from the seed."""
+    by_kind = {kind.name: Counter[str]() for kind in KINDS}
+    until_s = time.monotonic() + 60 * minutes
+    numbers = itertools.takewhile(lambda _: time.monotonic() < until_s, range(connections))
+
+    async def worker() -> None:
+        for number in numbers:
+            kind = KINDS[number % len(KINDS)]
+            by_kind[kind.name][await be_hostile(kind, address, random.Random(f"{seed} {number}"))] += 1
+
+    await asyncio.gather(*(worker() for _ in range(at_once)))
+    return by_kind
+
+
+def settled_fds(process: psutil.Process, wanted: int) -> int:
+    """File descriptors once the broker has seen that all have gone."""
+    deadline_s = time.monotonic() + ANSWER_S
+    while (fds := process.num_fds()) > wanted and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    return fds
+
+
+def run(connections: int, seed: int, at_once: int, rss_limit_mb: float, log: Path, minutes: float = math.inf) -> Result:
+    """Start a broker, attack it, and look at what is left."""
+    with broker_process(log) as (url, process, child), HonestPair(url) as pair:
+        address = parse_url(url)
+        pair.wait_for(50)
+        rss, fds, begun_s = process.memory_info().rss, process.num_fds(), time.monotonic()
+        result = Result(asyncio.run(attack((address.host, address.port), connections, seed, at_once, minutes)))
+        result.seconds, result.cpu_s = time.monotonic() - begun_s, sum(process.cpu_times()[:2])
+        result.fds = fds, settled_fds(process, fds)
+        result.rss_growth_bytes = process.memory_info().rss - rss
+        result.honest = pair.finish()
+        if child.poll() is not None:
+            result.wrong.append(f"the broker ended with code {child.returncode}")
+    _look_for_faults(result, rss_limit_mb, log.read_text(errors="replace"), child.returncode)
+    return result
+
+
+def _look_for_faults(result: Result, rss_limit_mb: float, log: str, code: int | None) -> None:
+    checks = {
+        f"the broker ended with code {code}": code != 0,
+        "a traceback in the broker's log": "Traceback" in log or "never retrieved" in log,
+        f"file descriptors {result.fds[0]} -> {result.fds[1]}": result.fds[1] > result.fds[0],
+        f"memory grew by more than {rss_limit_mb:.0f} MB": result.rss_growth_bytes > rss_limit_mb * MEGABYTE,
+        "connections not ended that had to be": any(ends["late"] for ends in result.by_kind.values()),
+        "honest messages lost": result.honest["lost"] > 0,
+        "honest messages changed or out of order": result.honest["wrong"] > 0,
+    }
+    result.wrong += [what for what, is_so in checks.items() if is_so]
+
+
+def show(result: Result) -> None:
+    """The table and the oracle's figures."""
+    print(f"{'kind':32}{'connections':>12}{'by broker':>11}{'by us':>8}{'late':>6}")
+    for name, ends in result.by_kind.items():
+        print(f"{name:32}{ends.total():12}{ends['broker']:11}{ends['us']:8}{ends['late']:6}")
+    total = sum(ends.total() for ends in result.by_kind.values())
+    honest = result.honest
+    print(f"{total} connections in {result.seconds:.0f} s ({total / result.seconds:.0f}/s)")
+    print(
+        f"broker: {result.cpu_s:.0f} s of processor, memory {result.rss_growth_bytes / MEGABYTE:+.1f} MB, "
+        f"descriptors {result.fds[0]} -> {result.fds[1]}"
+    )
+    delays = ", ".join(f"{name} {honest[key] * 1e3:.0f} ms" for name, key in DELAYS.items())
+    print(
+        f"honest pair: {honest['sent']:.0f} messages, {honest['lost']:.0f} lost, {honest['wrong']:.0f} wrong; {delays}"
+    )
+    print("found: " + ("; ".join(result.wrong) or "nothing wrong"))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--connections", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--at-once", type=int, default=48)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="stop earlier")
+    parser.add_argument("--rss-limit-mb", type=float, default=160.0)
+    parser.add_argument("--log", type=Path, help="keep the broker's log")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        log = options.log or Path(folder, "broker.log")
+        result = run(options.connections, options.seed, options.at_once, options.rss_limit_mb, log, options.minutes)
+    show(result)
+    sys.exit(1 if result.wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The house of JouleSwarm: docs/architecture.md shows its rooms."""

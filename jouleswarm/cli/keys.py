@@ -1,0 +1,69 @@
+"""The command line of keys: `jouleswarm keys init`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jouleswarm.common.options import SetOption
+
+keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
+
+
+@keys.callback()
+def _group() -> None:
+    pass  # so that `init` is a command by name, although the only one
+
+
+@keys.command()
+def init(
+    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")],
+    out: Annotated[Path, typer.Option(help="The folder to make; it must not be there yet.")] = Path("keys"),
+    hosts: Annotated[
+        str, typer.Option(help="Host names and addresses that clients reach the broker by, with commas between.")
+    ] = "localhost,127.0.0.1,::1",
+    days: Annotated[int, typer.Option(min=1, help="Days that the certificates hold.")] = 365,
+    set_: SetOption = None,
+    refresh: Annotated[
+        bool, typer.Option("--refresh", help="Leave a folder of keys that still serves this scenario; replace another.")
+    ] = False,
+) -> None:
+    """Make certificates, passwords and topic rights for every client of a scenario.
+
+    \b
+    FOLDER/ca.crt, ca.key  the authority that signs all certificates; keep ca.key, or delete it
+    FOLDER/broker/         for the broker: its certificate, users with argon2id hashes, rights
+    FOLDER/agent-1/ ...    for one client each: certificate, password, ca.crt; nobody else needs it
+
+    A robot on another machine gets FOLDER/agent-N/ alone, into a folder of keys there. Private files can be read
+    by their owner only. A client's name is its user, its id on the bus and the common name of its certificate.
+
+    \b
+    Example:
+      jouleswarm keys init scenarios/quick.toml --out keys --hosts broker.example,127.0.0.1
+      python -m broker --host 0.0.0.0 --keys keys
+      python -m agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario scenarios/quick.toml
+    """
+    from jouleswarm.common.scenario.scenario import load_scenario
+    from jouleswarm.fleet.keys import make_keys, refresh_keys
+
+    settings, names = load_scenario(scenario, set_ or ()), [host.strip() for host in hosts.split(",")]
+    clients = (refresh_keys if refresh else make_keys)(settings, out, names, days)
+    if clients is None:
+        print(f"{out} is there already and serves {scenario}")
+        return
+    there = f"--keys {out} --broker mqtts://{names[0]}:8883"
+    print(
+        f"{out}: certificates for {days} days (the broker's for {', '.join(names)}), passwords and rights of "
+        f"{len(clients)} clients:\n"
+        f"  {', '.join(clients)}\n"
+        "Next, all on this machine:\n"
+        f"  jouleswarm run {scenario} --keys {out}\n"
+        "or process by process:\n"
+        f"  python -m broker --keys {out}\n"
+        f"  jouleswarm record {scenario} {there}\n"
+        f"  python -m datacenter --scenario {scenario} {there}\n"
+        f"  python -m agents --id 1 --scenario {scenario} {there}"
+    )

@@ -1,0 +1,20 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ScenarioFile = Annotated[
+    Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
+Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
+RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
+
+
+def overrides(set_: list[str] | None, seed: int | None) -> list[str]:
+    """`--set` and `--seed` as overrides of a scenario."""
+    return [*(set_ or ()), *([f"seed={seed}"] if seed is not None else ())]

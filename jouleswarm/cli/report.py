@@ -1,0 +1,51 @@
+"""`jouleswarm report` and `jouleswarm audit`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    run_directory: Annotated[Path, typer.Argument(help="A run directory.")],
+    ul: Annotated[float | None, typer.Option(help="Uplink efficiency, kb/J.")] = None,
+    sl: Annotated[float | None, typer.Option(help="Sidelink efficiency, kb/J.")] = None,
+    dl: Annotated[float | None, typer.Option(help="Downlink efficiency, kb/J.")] = None,
+    pue: Annotated[float | None, typer.Option(help="Power usage effectiveness of the data center.")] = None,
+    beta: Annotated[
+        str | None,
+        typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one."),
+    ] = None,
+    carbon_datacenter: Annotated[
+        float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")
+    ] = None,
+    carbon_robots: Annotated[
+        float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")
+    ] = None,
+    via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+) -> None:
+    """Price a finished run again, at other efficiencies or in gCO2e. Nothing is trained again; its files stay."""
+    from jouleswarm.energy.prices import Prices, parse_beta
+    from jouleswarm.report.report import report as print_bill
+
+    prices = Prices(
+        ul=ul,
+        sl=sl,
+        dl=dl,
+        pue=pue,
+        beta=None if beta is None else parse_beta(beta),
+        carbon_datacenter=carbon_datacenter,
+        carbon_robots=carbon_robots,
+        via_base_station=via_base_station,
+    )
+    print_bill(run_directory, prices, html=figures, figures=figures)
+
+
+def audit() -> None:
+    """Print the paper's published figures beside what its equations and constants give."""
+    from jouleswarm.report.audit import print_audit
+
+    print_audit()

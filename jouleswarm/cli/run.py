@@ -1,0 +1,94 @@
+"""`jouleswarm run` and `jouleswarm record`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from jouleswarm.cli.options import Out, RunId, ScenarioFile, Seed, overrides
+from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+
+
+def _present(path: Path, figures: bool) -> None:
+    from jouleswarm.fleet.stopping import telling_what_is_kept
+    from jouleswarm.report.report import report as print_bill
+
+    with telling_what_is_kept(path):
+        print_bill(path, html=figures, figures=figures)
+        print(f"run directory: {path}")
+
+
+def run(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml."),
+    ] = None,
+    seed: Seed = None,
+    set_: SetOption = None,
+    out: Out = Path("runs"),
+    run_id: RunId = None,
+    broker: Annotated[
+        str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+    ] = None,
+    keys: KeysOption = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="In place of a scenario: go on with this run directory, from where it was interrupted."),
+    ] = None,
+    restarts: Annotated[
+        int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
+    ] = 20,
+    durable: Annotated[
+        bool,
+        typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
+    ] = False,
+    other_processor: OtherProcessorOption = False,
+) -> None:
+    """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
+
+    Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with.
+    """
+    from jouleswarm.common.scenario.scenario import load_scenario
+    from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
+
+    started = Options(broker, keys, restarts, durable, other_processor)
+    if (scenario is None) == (resume is None):
+        raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
+    if scenario is None:
+        assert resume is not None
+        if set_ or seed is not None or run_id is not None:
+            raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
+        _present(resume_deployment(resume, Console(), started), figures)
+        return
+    settings = load_scenario(scenario, overrides(set_, seed))
+    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
+
+
+def record(
+    scenario: ScenarioFile,
+    broker: BrokerOption,
+    seed: Seed = None,
+    set_: SetOption = None,
+    out: Out = Path("runs"),
+    run_id: RunId = None,
+    keys: KeysOption = None,
+    ready_file: Annotated[
+        Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
+    ] = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+) -> None:
+    """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
+
+    Start it before the robots: what they report before it listens is lost. The run's name on the bus is
+    --run-id (default: the scenario's name), as with the processes' --run.
+    """
+    from jouleswarm.common.scenario.scenario import load_scenario
+    from jouleswarm.fleet.deploy import record_deployment
+
+    settings = load_scenario(scenario, overrides(set_, seed))
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys)
+    _present(path, figures)

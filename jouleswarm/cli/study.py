@@ -1,0 +1,119 @@
+"""The command line of the studies: `jouleswarm study ...`, the commands of one group."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from jouleswarm.common.options import SetOption
+from jouleswarm.studies.names import STUDIES, StudyName
+
+study = typer.Typer(
+    no_args_is_help=True,
+    help="Run many deployments and make tables and figures of them. A study that was cut short goes on where it was.",
+)
+_CORES = os.cpu_count() or 1
+
+
+class Profile(StrEnum):
+    """Which network and frames a study runs with."""
+
+    COMPACT = "compact"
+    PAPER = "paper"
+
+    @property
+    def scenario(self) -> Path:
+        """The scenario file behind the profile."""
+        return Path({"compact": "quick", "paper": "paper"}[self.value])
+
+
+ProfileOption = Annotated[Profile, typer.Option(help="compact: scenario quick; paper: scenario paper.")]
+ScenarioChoice = Annotated[
+    Path | None, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file in place of the profile's.")
+]
+Seeds = Annotated[int | None, typer.Option(help="How many seeds. Default: the study's own.")]
+FirstSeed = Annotated[int, typer.Option(help="The first of the seeds.")]
+T0 = Annotated[int | None, typer.Option("--t0", help="Rounds of meta-training. Default: the study's own.")]
+Workers = Annotated[int, typer.Option(help="Deployments at a time, on this machine.")]
+Scheduler = Annotated[
+    str | None, typer.Option(envvar="JOULESWARM_SCHEDULER", help="A Dask scheduler of yours: tcp://HOST:8786.")
+]
+Work = Annotated[Path | None, typer.Option(help="Folder for run directories. Default: runs/study-NAME-PROFILE.")]
+Results = Annotated[
+    Path | None,
+    typer.Option(help="Folder for results. Default: results/PROFILE, for others than paper results/PROFILE-NAME."),
+]
+Keep = Annotated[bool, typer.Option("--keep", help="Keep weights and logs of every run.")]
+
+
+@study.command()
+def tables(
+    results_directory: Annotated[Path, typer.Argument(help="A results folder of a study.")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="energy.KEY=VALUE", help="Other prices or carbon intensities. May be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for what is made; default the same. Needed where --set is.")
+    ] = None,
+) -> None:
+    """Make a study's tables and figures again from its facts.csv, at other prices too. Nothing is run.
+
+    With energy.datacenter_g_per_kwh and energy.robots_g_per_kwh the tables have gCO2e beside joules.
+    """
+    from jouleswarm.studies.run import make_tables, reprice
+
+    _list(reprice(results_directory, set_ or [], out) if set_ or out else make_tables(results_directory))
+
+
+def _command(name: StudyName) -> Callable[..., None]:
+    def command(
+        profile: ProfileOption = Profile.COMPACT,
+        scenario: ScenarioChoice = None,
+        set_: SetOption = None,
+        seeds: Seeds = None,
+        first_seed: FirstSeed = 1,
+        t0: T0 = None,
+        workers: Workers = _CORES,
+        scheduler: Scheduler = None,
+        work: Work = None,
+        results: Results = None,
+        keep: Keep = False,
+    ) -> None:
+        from jouleswarm.studies.catalogue import kind_of
+        from jouleswarm.studies.jobs import Request, range_of_seeds
+        from jouleswarm.studies.run import Where, run_study
+
+        kind = kind_of(name)
+        label = profile.value if scenario is None else scenario.stem
+        request = Request(
+            scenario_file=scenario or profile.scenario,
+            overrides=tuple(set_ or ()),
+            seeds=range_of_seeds(kind.seeds if seeds is None else seeds, first_seed),
+            t0=kind.t0 if t0 is None else t0,
+        )
+        where = Where(
+            work=work or Path("runs") / f"study-{name}-{label}",
+            results=results or Path("results") / (label if name == "paper" else f"{label}-{name}"),
+            workers=workers,
+            scheduler=scheduler,
+            keep=keep,
+        )
+        _list(run_study(kind, request, label, where, Console()))
+
+    return command
+
+
+def _list(paths: list[Path]) -> None:
+    for path in paths:
+        print(path)
+
+
+for _name, _help in STUDIES.items():
+    study.command(_name, help=_help)(_command(_name))

@@ -1,0 +1,96 @@
+"""A sender's models, one after the other, as receivers come to hold them: the state behind `codecs.codec`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from jouleswarm.codecs.codec import (
+    MAX_WEIGHT,
+    Array,
+    Shapes,
+    Tensors,
+    Weights,
+    WeightsCodec,
+    decode,
+    encode,
+    largest_weight,
+)
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.wire.messages import ModelHeader, encode_model
+
+
+class WeightsEncoder:
+    """One sender's side, for one arm."""
+
+    def __init__(self, codec: WeightsCodec) -> None:
+        self.codec = codec
+        self._public: Weights | None = None
+
+    @property
+    def public(self) -> Weights:
+        """The model that every receiver holds once it has what was encoded last: the sender's public copy."""
+        assert self._public is not None, "nothing has been encoded"
+        return self._public
+
+    def encode(self, weights: Weights) -> Tensors:
+        """Tensors for the wire; whole the first time.
+
+        Raises:
+            TrainingError: receivers would refuse them, and ask for them again for ever.
+        """
+        for name, tensor in weights.items():
+            if not (largest := largest_weight(tensor)) <= MAX_WEIGHT:
+                raise TrainingError(
+                    f"{name} has a weight of size {largest:g}, expected at most {MAX_WEIGHT:g}; lower the learning rate"
+                )
+        shapes = {name: tensor.shape for name, tensor in weights.items()}
+        tensors = encode(self.codec, weights, self._public)
+        self._public = decode(self.codec, tensors, shapes, self._public)
+        return tensors
+
+    def payload(self, weights: Weights, header: ModelHeader, robots: int = 0) -> bytes:
+        """The next message, with the codec in its header; as long as with the rewards of `robots` robots."""
+        lossy = None if self.codec.name == "float32" else self.codec.name
+        return encode_model(self.encode(weights), header.model_copy(update={"codec": lossy}), robots)
+
+    def rebase(self, public: Weights) -> None:
+        """Receivers hold this model now, known to them from elsewhere; the next message builds on it."""
+        self._public = public
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`. What a lossless codec tells does not depend on what was told before."""
+        return State() if self.codec.is_lossless or self._public is None else State(dict(self._public))
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        self._public = state.arrays or None
+
+
+class WeightsDecoder:
+    """One receiver's side of one sender's messages of one arm. Each must be decoded once, in the order of rounds."""
+
+    def __init__(self, codec: WeightsCodec, shapes: Shapes) -> None:
+        self._codec, self._shapes = codec, shapes
+        self._public: Weights | None = None
+
+    def decode(self, tensors: Mapping[str, Array]) -> Weights:
+        """The sender's public copy after checked tensors of `common.wire.messages.read_model`.
+
+        Raises:
+            PayloadError: differences to a model that never came.
+        """
+        self._public = decode(self._codec, tensors, self._shapes, self._public)
+        return self._public
+
+    def rebase(self, public: Weights) -> None:
+        """See `WeightsEncoder.rebase`."""
+        self._public = public
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        return State() if self._codec.is_lossless or self._public is None else State(dict(self._public))
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        self._public = state.arrays or None

@@ -1,0 +1,358 @@
+"""A whole run from the operator's seat: start the processes (or not), record, report."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import importlib.metadata
+import json
+import platform
+import resource
+import secrets
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from rich.console import Console
+
+from jouleswarm.common.bus.credentials import Credentials, credentials_of
+from jouleswarm.common.bus.mqtt import MqttBus, parse_url
+from jouleswarm.common.disk.lock import Lock, await_free
+from jouleswarm.common.disk.verify import check_states
+from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError, usable
+from jouleswarm.common.host import machine, moved
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import Presence, encode_json
+from jouleswarm.fleet.broker_log import BrokerLog
+from jouleswarm.fleet.launcher import Launcher
+from jouleswarm.fleet.learning import check_learning
+from jouleswarm.fleet.packages import command_of
+from jouleswarm.fleet.preflight import check_largest_message
+from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
+from jouleswarm.fleet.resume import check_is_there
+from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.report.view import View
+from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
+from jouleswarm.runs.run import other_version, read_manifest
+from jouleswarm.runs.summary import SCHEMA
+from jouleswarm.runs.traffic import DATA_CENTER
+
+_PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
+_PUMP_S = 0.2
+_BROKER_FILES = 16  # beside one a client
+RESTARTS = 20
+_WAIT_FOR_CHILDREN_S = 10.0
+
+
+class Intruder(Protocol):
+    """Who does harm to a deployment on purpose (see jouleswarm/chaos/intruder.py)."""
+
+    @property
+    def tick_s(self) -> float:
+        """How long it may be until the next `tick`."""
+
+    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
+        """The broker's URL as the processes are to know it."""
+
+    def tick(self) -> None:
+        """Called again and again while the run goes on."""
+
+
+def new_run_id(scenario: Scenario) -> str:
+    """A name no other run has."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
+    return f"{scenario.name}-{now}-{secrets.token_hex(2)}"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the processes of a deployment are started."""
+
+    broker: str | None = None
+    """URL of the broker to use; None starts an embedded one."""
+    keys: Path | None = None
+    """Folder that all take their user, password and certificates from."""
+    restarts: int = RESTARTS
+    """How often a process that was killed is started again."""
+    durable: bool = False
+    """Whether each round is on the disk, for a power failure, before it goes on."""
+    other_processor: bool = False
+    """Whether a run may be gone on with elsewhere than where it was begun."""
+    intruder: Intruder | None = None
+    """Who may interfere."""
+
+
+def run_deployment(
+    scenario: Scenario,
+    run: str,
+    out: Path,
+    console: Console,
+    options: Options = Options(),  # it is frozen
+) -> Path:
+    """Run a scenario in processes of its own on this machine; returns the run directory.
+
+    They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
+    """
+    _check(scenario, options)  # before anything is written
+    with _begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+        _deploy(scenario, run, directory, console, options)
+    return directory.path
+
+
+def resume_deployment(path: Path, console: Console, options: Options = Options()) -> Path:
+    """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
+
+    Raises:
+        ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
+            is at work on it.
+        RunError: something of it is not as it was written; nothing has been started.
+    """
+    held = path / MANIFEST
+    if not held.exists():
+        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
+    manifest = read_manifest(path)
+    if other := other_version(manifest):
+        raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
+    if not (path / STATE).is_dir():
+        raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
+    with Lock(path, "jouleswarm run --resume"):
+        for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
+            await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
+        check_is_there(path)
+        check_states(path / STATE)
+        _check_processor(manifest, path, options, console)
+        with usable("run directory", path):
+            directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
+        scenario = load_scenario(held)
+        _check(scenario, options)
+        _say_where(directory, console)
+        _deploy(scenario, manifest["run"], directory, console, options)
+    return path
+
+
+@contextlib.contextmanager
+def _begun(out: Path, run: str, who: str, console: Console, *, with_state: bool) -> Iterator[RunDirectory]:
+    """A new run directory of one's own, told in the first line that a run prints."""
+    path = out / topics.run_name(run)
+    with usable("--out", out):
+        path.mkdir(parents=True, exist_ok=True)
+    with Lock(path, who):
+        directory = RunDirectory(path, state=path / STATE / CLIENT if with_state else None)
+        _say_where(directory, console)
+        yield directory
+
+
+def _say_where(directory: RunDirectory, console: Console) -> None:
+    console.print(f"run directory: {directory.path}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _check_processor(manifest: dict[str, Any], path: Path, options: Options, console: Console) -> None:
+    """Hold this machine against the one on which a run was begun, or last gone on with."""
+    noted = computed_on(manifest)
+    before = {processors[-1] for client, processors in noted.items() if client != DATA_CENTER}  # which may have CUDA
+    if not before:
+        return
+    here = _arithmetic_here()
+    for other in before - {here}:
+        if not options.other_processor:
+            raise ConfigurationError(f"run {path}: {moved(other, here)}")
+        console.print(f"begun on {other}; going on on {here}", highlight=False, soft_wrap=True)
+
+
+def _arithmetic_here() -> str:
+    # In a process of its own: this one does not load PyTorch.
+    asked = subprocess.run(command_of("jouleswarm.common.host"), capture_output=True, text=True, check=False)
+    if asked.returncode:
+        raise RunError(f"cannot tell what is computed on here: {asked.stderr.strip().splitlines()[-1:]}")
+    return asked.stdout.strip()
+
+
+def _check(scenario: Scenario, options: Options) -> None:
+    if options.broker is not None:
+        parse_url(options.broker)
+    else:
+        _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
+    for agent in scenario.agents:
+        credentials_of(options.keys, f"agent-{agent}")
+
+
+def _check_open_files(clients: int) -> None:
+    allowed, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _BROKER_FILES + clients
+    if resource.RLIM_INFINITY != allowed < needed:
+        raise ConfigurationError(
+            f"open files: a process may have {allowed}, expected {needed} or more, for the broker's connections to "
+            f"{clients} clients; raise `ulimit -n`"
+        )
+
+
+def _deploy(
+    scenario: Scenario,
+    run: str,
+    directory: RunDirectory,
+    console: Console,
+    options: Options,
+) -> None:
+    state, intruder = directory.path / STATE, options.intruder
+    keys = [] if options.keys is None else ["--keys", str(options.keys.resolve())]
+    goes_on = scenario.federation.on_missing == "proceed"
+    with ExitStack() as stack:
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
+        launcher = stack.enter_context(
+            Launcher(
+                directory.path / "logs",
+                options.restarts,
+                partial(console.print, highlight=False, markup=False, soft_wrap=True),
+                may_miss=lambda name: goes_on and name.startswith("agent-"),
+            )
+        )
+        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
+        stack.callback(broker_log.show)
+        url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
+        embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
+        recording = _recording(
+            scenario, url, run, directory, console, credentials, state, embedded=embedded, launcher=launcher
+        )
+        recorder = stack.enter_context(recording)
+        line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
+        held = ["--scenario", str((directory.path / MANIFEST).resolve())]
+        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
+        common += ["--durable"] if options.durable else []
+        common += ["--other-processor"] if options.other_processor else []
+        if scenario.needs_datacenter:
+            launcher.start(DATA_CENTER, "jouleswarm.datacenter", [*common, "--state", str(state / DATA_CENTER)])
+        for agent in scenario.agents:
+            name = f"agent-{agent}"
+            launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
+        _watch(scenario, recorder, console, launcher, intruder, broker_log)
+    shutil.rmtree(state)
+
+
+def record_deployment(
+    scenario: Scenario,
+    run: str,
+    out: Path,
+    broker: str,
+    console: Console,
+    ready_file: Path | None = None,
+    keys: Path | None = None,
+) -> Path:
+    """Record a run whose processes others start; returns the run directory.
+
+    `ready_file` is written once the recorder listens: from then on the processes may be started.
+    """
+    parse_url(broker)  # before anything is written
+    credentials = credentials_of(keys, CLIENT)
+    with ExitStack() as stack:
+        directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))
+        stack.enter_context(telling_what_is_kept(directory.path))
+        stack.enter_context(usable("run directory", directory.path, RunError))
+        recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)
+        recorder = stack.enter_context(recording)
+        if ready_file is not None:
+            with usable("--ready-file", ready_file):
+                ready_file.touch()
+        _watch(scenario, recorder, console, None)
+    return directory.path
+
+
+def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
+    """What `manifest.json` holds; on what each process computes comes with its presence."""
+    return {
+        "schema": SCHEMA,
+        "run": run,
+        "scenario": scenario.model_dump(mode="json"),
+        "seed": scenario.seed,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
+        },
+        "host": machine(),
+        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
+    }
+
+
+def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:
+    ready = launcher.start_broker(options)
+    console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
+    return ready["url"]
+
+
+@contextlib.contextmanager
+def _recording(
+    scenario: Scenario,
+    url: str,
+    run: str,
+    directory: RunDirectory,
+    console: Console,
+    credentials: Credentials | None,
+    state: Path | None = None,
+    *,
+    embedded: bool,
+    launcher: Launcher | None = None,
+) -> Iterator[Recorder]:
+    """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
+    described = manifest(scenario, run, url, embedded=embedded)
+    if (directory.path / MANIFEST).exists():
+        before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
+        described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
+    directory.manifest(described)
+    bus = MqttBus.connect(
+        url,
+        CLIENT,
+        credentials=credentials,
+        will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
+        keepalive_s=scenario.bus.keepalive_s,
+        connect_timeout_s=scenario.bus.connect_timeout_s,
+        meter=Meter("client", state and state / CLIENT),
+        # Before its processes are there, and once they are done, nobody else notices that the broker was killed.
+        look_after_broker=None if launcher is None else launcher.check_broker,
+    )
+    check_largest_message(bus, scenario, run)
+    recorder = Recorder(bus, scenario, run, directory, state)
+    status: Status = "failed"
+    try:
+        yield recorder
+        check_learning(scenario, directory.rows)
+        status = "complete"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    finally:
+        try:
+            recorder.close(status)
+        except JouleSwarmError as error:
+            # What ended the run is worth more than that its end could not be told to a broker that is gone.
+            if status == "complete":
+                raise
+            console.print(f"no final counters from the broker: {error}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _watch(
+    scenario: Scenario,
+    recorder: Recorder,
+    console: Console,
+    launcher: Launcher | None,
+    intruder: Intruder | None = None,
+    broker_log: BrokerLog | None = None,
+) -> None:
+    with View(console, scenario, recorder) as view:
+        while recorder.waiting_for:
+            recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
+            recorder.check()
+            if launcher is not None:
+                launcher.check()
+            if intruder is not None:
+                intruder.tick()
+            if broker_log is not None:
+                broker_log.show()
+            view.update()

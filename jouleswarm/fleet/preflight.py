@@ -1,0 +1,90 @@
+"""Whether the broker takes the largest message of a run and passes it on, found out before anybody computes.
+
+A broker of ours tells its limit. Others are tried: one may close the connection, which the bus notices, and one
+(Mosquitto with message_size_limit) acknowledges what is too large and drops it, which nothing else would show.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import time
+
+from jouleswarm.codecs.codec import FLOAT32, experience_bytes, weights_bytes
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
+from jouleswarm.common.scenario.arms import META_METHODS
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire import topics
+from jouleswarm.runs.sizes import tensor_entries
+
+log = logging.getLogger("jouleswarm.recorder")
+
+ANSWER_S, LARGE_ANSWER_S = 5.0, 60.0
+
+
+def check_largest_message(bus: MqttBus, scenario: Scenario, run: str) -> None:
+    """Send a message of the largest size around, unless the broker has told its limit.
+
+    On a bus that nothing else has been subscribed to. A broker that lets the recorder hear nothing is not judged.
+
+    Raises:
+        MessageTooLargeError: it is too large for the broker.
+    """
+    size_bytes, topic = largest_message(scenario, run)
+    probe = topics.probe(run)
+    try:
+        bus.subscribe(probe)
+    except ConfigurationError as error:
+        log.info("the largest message is not tried: %s", error)
+        return
+    came = _comes_around(bus, probe, 0, ANSWER_S)  # what the broker tells of its limits comes before this
+    bus.limit.check(topic, size_bytes, 1)
+    if came and bus.limit.told_bytes is None:
+        _try(bus, probe, size_bytes, topic)
+    bus.unsubscribe(probe)
+
+
+def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:
+    try:
+        came = _comes_around(bus, probe, size_bytes, LARGE_ANSWER_S)
+    except MessageTooLargeError as error:
+        raise MessageTooLargeError(f"{error}; those on {topic} are as large") from error
+    if came is False:
+        raise MessageTooLargeError(
+            f"message of {size_bytes} bytes, as on {topic}: the broker acknowledges it and passes it on to nobody; "
+            "raise its limit (Mosquitto: message_size_limit), or make what is sent smaller (network, experience_codec)"
+        )
+
+
+def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
+    """Tensors of the largest message of a run, bytes, and a topic that it goes on. Headers come on top."""
+    camera, network, meta = scenario.camera, scenario.network, scenario.meta
+    tensors = tensor_entries(network)
+    heads = tensors[-2:] * (len(meta.training_tasks) if meta.heads == "per_task" else 0)
+    frame_bytes = experience_bytes(
+        meta.experience_codec, (camera.width, camera.height), (network.width, network.height)
+    )
+    sizes = [(weights_bytes(FLOAT32, tensors), topics.learned(run, scenario.arms[0].name, min(scenario.clusters)))]
+    for method in {arm.method for arm in scenario.arms}:
+        if method in META_METHODS:
+            sizes.append((weights_bytes(FLOAT32, [*tensors, *heads]), topics.meta_model(run, method)))
+        if method in META_METHODS or method == "centralized":
+            task, robots = min(scenario.clusters.items())
+            sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
+    return max(sizes)
+
+
+def _comes_around(bus: MqttBus, topic: str, size_bytes: int, within_s: float) -> bool | None:
+    """Whether a message comes back before a short one that is sent after it; None if that does not come back either."""
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        connections, came, token = bus.connections, False, secrets.token_bytes(8)
+        bus.publish(topic, bytes(size_bytes))
+        bus.publish(topic, token)
+        while connections == bus.connections and time.monotonic() < until:  # else it may have been lost: once more
+            message = bus.receive(0.1)
+            if message is not None and message.payload == token:
+                return came
+            came = came or (message is not None and len(message.payload) == size_bytes)
+    return None

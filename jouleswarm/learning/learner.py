@@ -1,0 +1,171 @@
+"""A Q-network in use: a policy that acts, and a learner that improves it on replayed transitions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor, nn
+
+from jouleswarm.common.disk.state import State, generator_state, load_generator
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.meter.work import Tally
+from jouleswarm.common.scenario.sections import Learning as LearningSettings
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
+from jouleswarm.learning.networks import build_qnetwork, load_weights, observations, to_weights
+from jouleswarm.learning.replay import Batch, Replay
+
+Weights = dict[str, npt.NDArray[np.float32]]
+
+
+class Policy:
+    """A Q-network that is asked for values and given weights."""
+
+    def __init__(self, network: Network, weights: Weights) -> None:
+        self.online = build_qnetwork(network)
+        load_weights(self.online, weights)
+
+    def q_values(self, frame: npt.NDArray[np.uint8]) -> Tensor:
+        """Q of one resized frame [height, width, 4] -> float32 [actions]."""
+        with torch.inference_mode():
+            values: Tensor = self.online(observations(frame[np.newaxis]))[0]
+        return values
+
+    def weights(self) -> Weights:
+        """A copy of the network's parameters."""
+        return to_weights(self.online)
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        return State(to_weights(self.online))
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        load_weights(self.online, state.arrays)
+
+    def set_weights(self, weights: Weights) -> None:
+        """Take over parameters; whatever else a learner holds (moments, target) stays its own."""
+        load_weights(self.online, weights)
+
+
+class Learner(Policy):
+    """Deep Q-learning of eq. (7): online and target network, optimizer, replay."""
+
+    def __init__(
+        self,
+        network: Network,
+        settings: LearningSettings,
+        weights: Weights,
+        rng: np.random.Generator,
+        replay_file: Path | None = None,
+        tally: Tally | None = None,
+    ) -> None:
+        """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state.
+
+        `tally`: counts each batch gradient as it is computed, also of a round that is not kept.
+        """
+        super().__init__(network, weights)
+        self._settings = settings
+        self._rng = rng
+        self._tally = tally or Tally()
+        self._target = build_qnetwork(network).requires_grad_(False)
+        load_weights(self._target, weights)
+        self._parameters = list(self.online.parameters())
+        self._target_parameters = list(self._target.parameters())
+        self._optimizer = _optimizer(settings, self._parameters)
+        # A round's motions, each of which may open an episode with a frame more.
+        spare = 2 * settings.motions_per_round
+        self.replay = Replay(settings.replay_size, network.height, network.width, replay_file, spare)
+        self.steps = 0
+
+    def learn(self, batches: int) -> int:
+        """Take `batches` gradient steps on replayed transitions; returns the batch gradients computed.
+
+        Raises:
+            TrainingError: the loss is not finite.
+        """
+        if not len(self.replay):
+            return 0
+        drawn = [self.replay.sample(self._settings.batch_size, self._rng) for _ in range(batches)]
+        next_q = self._next_q_in_one_batch(drawn) if self._target_rests(batches) else None
+        losses = [self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)]
+        if not math.isfinite(float(torch.stack(losses).sum())):
+            raise TrainingError(f"loss is not finite after {self.steps} gradient steps; lower learning.lr")
+        return len(losses)
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        moments = {f"{index}/{key}": value for index, key, value in self._moments()}
+        parts = {
+            "online": super().state(),
+            "target": State(to_weights(self._target)),
+            "moments": State({name: value.contiguous().numpy() for name, value in moments.items()}),
+            "replay": self.replay.state(),
+            "learner": State(values={"steps": self.steps, "rng": generator_state(self._rng)}),
+        }
+        return State.of(parts)
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        super().load_state(state.part("online"))
+        load_weights(self._target, state.part("target").arrays)
+        for name, array in state.part("moments").arrays.items():
+            index, key = name.split("/")
+            parameter = self._parameters[int(index)]
+            like = torch.empty_like(parameter) if array.ndim else torch.empty(())
+            self._optimizer.state[parameter][key] = like.detach().copy_(torch.from_numpy(np.array(array)))
+        self.replay.load_state(state.part("replay"))
+        values = state.part("learner").values
+        self.steps = values["steps"]
+        load_generator(self._rng, values["rng"])
+
+    def _moments(self) -> Iterator[tuple[int, str, Tensor]]:
+        for index, parameter in enumerate(self._parameters):
+            for key, value in self._optimizer.state.get(parameter, {}).items():
+                yield index, key, value
+
+    def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
+        settings = self._settings
+        with torch.no_grad():
+            next_frames = observations(batch.next_frames)
+            target_values = self._target(next_frames) if next_q_target is None else next_q_target
+            target = td_target(
+                torch.from_numpy(batch.rewards),
+                torch.from_numpy(batch.terminated),
+                self.online(next_frames) if settings.double else target_values,
+                target_values,
+                settings.discount,
+                double=settings.double,
+            )
+        loss = td_loss(self.online(observations(batch.frames)), torch.from_numpy(batch.actions), target)
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)
+        self._optimizer.step()
+        self.steps += 1
+        self._tally.gradients()
+        if self.steps % settings.target_every == 0:
+            polyak_update(self._target_parameters, self._parameters, settings.target_polyak)
+        return loss.detach()
+
+    def _target_rests(self, batches: int) -> bool:
+        """Whether the target network stays as it is until the last of the next `batches` steps."""
+        every = self._settings.target_every
+        return self.steps // every == (self.steps + batches - 1) // every
+
+    def _next_q_in_one_batch(self, drawn: list[Batch]) -> Tensor:
+        frames = np.concatenate([batch.next_frames for batch in drawn])
+        with torch.no_grad():
+            values: Tensor = self._target(observations(frames))
+        return values.reshape(len(drawn), -1, values.shape[1])
+
+
+def _optimizer(settings: LearningSettings, parameters: list[nn.Parameter]) -> torch.optim.Optimizer:
+    if settings.optimizer == "sgd":
+        return torch.optim.SGD(parameters, lr=settings.lr, fused=True)
+    return torch.optim.Adam(parameters, lr=settings.lr, eps=settings.adam_eps, fused=True)

@@ -1,0 +1,103 @@
+"""`report.html`: one file with everything in it, readable in light and in dark, for mailing and keeping."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.report.figures import CAPTIONS, inline_svgs
+from jouleswarm.report.format import TextTable
+from jouleswarm.report.notes import headline, notes, verdicts, warnings
+from jouleswarm.report.tables import (
+    bytes_table,
+    causes_table,
+    energy_table,
+    lost_table,
+    rewards_table,
+    rounds_table,
+    sites_table,
+    totals_table,
+)
+from jouleswarm.runs.run import Run
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1d1d24; --soft: #62626e; --paper: #fcfcfd; --card: #fff; --line: #dcdce4;
+  --accent: #b06f00; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e9e9ee; --soft: #a0a0ad; --paper: #16161b; --card: #1e1e25;
+  --line: #383844; --accent: #f0b040; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, sans-serif; }
+main { max-width: 62rem; margin: 0 auto; padding: 2.5rem 1.25rem 5rem; }
+h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.15rem; margin: 2.8rem 0 .7rem; }
+p { margin: .4rem 0; } .soft, figcaption { color: var(--soft); font-size: .9rem; }
+.verdict { border-left: 4px solid var(--accent); padding: .15rem .9rem; margin: 1.4rem 0; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-size: .88rem; font-variant-numeric: tabular-nums; }
+th, td { text-align: right; padding: .38rem .6rem; border-bottom: 1px solid var(--line); vertical-align: bottom; }
+th:first-child, td:first-child { text-align: left; } th { font-weight: 600; color: var(--soft); }
+tr.strong td { font-weight: 700; border-bottom-width: 2px; }
+figure { margin: 1.2rem 0; padding: 1rem; background: var(--card); border: 1px solid var(--line); border-radius: 8px; }
+figure svg { width: 100%; height: auto; display: block; } figcaption { margin-top: .6rem; }
+pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem;
+  font-size: .8rem; line-height: 1.4; }
+"""
+
+
+def write_html(run: Run, energy: Energy, suffix: str = "") -> Path:
+    """Write `report<suffix>.html` into the run directory; returns its path."""
+    path = run.path / f"report{suffix}.html"
+    path.write_text(page(run, energy), encoding="utf-8")
+    return path
+
+
+def page(run: Run, energy: Energy) -> str:
+    """The report as one HTML document without anything from elsewhere."""
+    name = html.escape(run.name)
+    figures = (
+        f"<figure>{svg}<figcaption>{html.escape(CAPTIONS[figure])}</figcaption></figure>"
+        for figure, svg in inline_svgs(run, energy).items()
+    )
+    lost = lost_table(run, energy)
+    body = [
+        _paragraphs(warnings(run), "verdict"),
+        f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
+        _paragraphs(verdicts(run, energy), "verdict"),
+        _table(totals_table(run, energy)),
+        _table(causes_table(run, energy)),
+        _table(sites_table(run, energy)),
+        _table(lost) if lost else "",
+        _table(rounds_table(run)),
+        _table(rewards_table(run)),
+        _table(bytes_table(run, energy)),
+        *figures,
+        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
+        "<h2>Notes</h2>",
+        _paragraphs(notes(run, energy), "soft"),
+        "<h2>Manifest</h2><details><summary>Scenario, versions and host</summary>",
+        f"<pre>{html.escape(json.dumps(run.manifest, indent=2))}</pre></details>",
+    ]
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{name}</title>'
+    return (
+        f'<!doctype html><html lang="en"><head>{head}<style>{_STYLE}</style></head>'
+        f"<body><main>{''.join(body)}</main></body></html>\n"
+    )
+
+
+def _table(text: TextTable) -> str:
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in text.headings)
+    lines = []
+    for number, row in enumerate(text.rows):
+        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
+        lines.append(f'<tr class="strong">{cells}</tr>' if number in text.strong else f"<tr>{cells}</tr>")
+    return (
+        f'<h2>{html.escape(text.title)}</h2><div class="wide"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _paragraphs(lines: Sequence[str], name: str) -> str:
+    inside = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+    return f'<div class="{name}">{inside}</div>' if lines else ""

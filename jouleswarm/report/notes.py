@@ -1,0 +1,197 @@
+"""The sentences of a report: its headline, its verdicts, and what to know before quoting a figure of it."""
+
+from __future__ import annotations
+
+from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.carbon import has_carbon
+from jouleswarm.energy.equations import downlink_bit_per_j
+from jouleswarm.energy.paper import CLUSTER_ROBOTS, PAPER_METHODS, TRAINING_ROBOTS, published_here
+from jouleswarm.report.arms import METHOD_LABELS, label, labels
+from jouleswarm.runs.columns import columns
+from jouleswarm.runs.conservation import conservation
+from jouleswarm.runs.directory import computed_on
+from jouleswarm.runs.run import Run
+from jouleswarm.runs.traffic import metered_by
+
+BASELINE = "fl"
+"""The arm that transfer is held against."""
+
+
+def headline(run: Run, energy: Energy) -> str:
+    """One line: how the run ended and what it is priced at."""
+    line = (
+        f"{run.status}, seed {run.scenario.seed}; E_UL {energy.ul_bit_per_j / 1e3:g}, "
+        f"E_DL {downlink_bit_per_j(energy) / 1e3:g}, E_SL {energy.sl_bit_per_j / 1e3:g} kb/J, "
+        f"sidelinks {energy.sidelink.replace('_', ' ')}, PUE {energy.pue:g}, beta {energy.beta}"
+    )
+    if not has_carbon(energy):
+        return line
+    sites = {"data center": energy.datacenter_g_per_kwh, "robots": energy.robots_g_per_kwh}
+    told = (f"{site} {'unknown' if value is None else f'{value:g}'}" for site, value in sites.items())
+    return f"{line}; gCO2e/kWh: {', '.join(told)}"
+
+
+def warnings(run: Run) -> list[str]:
+    """What stands before everything else: that a bill is not to be trusted."""
+    if not run.misfits:
+        return []
+    worst, told = run.misfits[0], (run.summary or {}).get("counters") or "the broker's counters"
+    return [
+        f"The counters of broker and clients do not fit for {len(run.misfits)} client and topic pairs, first "
+        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+        f"{worst.delivered} (messages, bytes). This bill is fed by {told}, and is not to be trusted: "
+        "run it again, on a broker that keeps its counters for the whole run."
+    ]
+
+
+def verdicts(run: Run, energy: Energy) -> list[str]:
+    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl.
+
+    Only of a complete run that can be trusted, and of arms whose tasks were all learned.
+    """
+    held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
+    if run.status != "complete" or run.misfits or not held.get(BASELINE):
+        return []
+    learned = [arm for arm in run.scenario.arms if arm.method in META_METHODS and held[arm.name]]
+    return [line for arm in learned if (line := _verdict(run, arm, energy))]
+
+
+def notes(run: Run, energy: Energy) -> list[str]:
+    """What a reader must know before quoting a figure of this report."""
+    lines = [
+        *_notes_of_the_run(run),
+        *_notes_of_the_arms(run),
+        *_notes_of_the_processors(run),
+        "Column paper is as printed, all others are for this run's rounds. The last four are equations (8)-(12), with "
+        "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
+        "MQTT's own bytes.",
+    ]
+    if any(arm.method in PAPER_METHODS for arm in run.scenario.arms):
+        lines.append(_note_of_the_published_prices(run.scenario, energy))
+    if energy.dl_bit_per_j is None:
+        lines.append("E_DL is not given by the paper and taken as E_UL.")
+    lines.append(
+        "Sites: robots pay their computing, what they send up and direct sidelinks; the data center pays its "
+        "computing and what is sent down."
+    )
+    if has_carbon(energy):
+        lines.append("gCO2e = J / 3.6e6 x the site's gCO2e/kWh. A site without an intensity is unknown, not zero.")
+    lines.append("Control and telemetry are counted apart and in no bill.")
+    return lines + _notes_of_faults(run)
+
+
+def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
+    found: dict[str, list[str]] = {"pays": [], "does not pay": []}
+    for ours, theirs in zip(columns(run, arm.name, energy), columns(run, BASELINE, energy), strict=True):
+        ours_j, theirs_j = ours.joules["total"], theirs.joules["total"]
+        if ours_j and theirs_j is not None:
+            ratio = theirs_j / ours_j
+            found["pays" if ratio > 1 else "does not pay"].append(f"{ratio:.2f}x ({ours.label})")
+    told = [f"{verdict} {', '.join(ratios)}" for verdict, ratios in found.items() if ratios]
+    return f"{label(arm)} against {METHOD_LABELS[BASELINE]}: {'; '.join(told)}" if told else ""
+
+
+def _note_of_the_published_prices(scenario: Scenario, energy: Energy) -> str:
+    if published_here(BASELINE, 0, 0, scenario, energy) is not None:
+        return (
+            "Published prices: 352.4 J a MAML round and 246.3 J an FL round of the paper's deployment, whatever PUE, "
+            "beta and sizes are; the paper does not tell learning from communication."
+        )
+    return (
+        f"Published prices are not defined here: they are the paper's deployment's, {TRAINING_ROBOTS} training robots "
+        f"and clusters of {CLUSTER_ROBOTS}, over direct sidelinks at (E_UL, E_SL) = (200, 500) kb/J only."
+    )
+
+
+def _notes_of_the_arms(run: Run) -> list[str]:
+    lines = []
+    methods = {arm.method for arm in run.scenario.arms}
+    if any(snapshot_of(arm.name) is not None for arm in run.scenario.arms):
+        lines.append(
+            "Arms of one method share its meta-learning: its uplink was metered once, under the method's own arm, and "
+            "each arm's bill has the part that carried the rounds up to its t0."
+        )
+    if methods & set(SERVED_METHODS):
+        lines.append("FedAvg and centralized learning have no E_ML: what the data center does is in their tasks' E_FL.")
+    if "isolated" in methods:
+        lines.append("Isolated robots stop one by one: t_i is the last one's, R and path error are their means.")
+    return lines
+
+
+def _notes_of_the_run(run: Run) -> list[str]:
+    lines = []
+    source = metered_by(run.meter_rows)
+    if run.status != "complete":
+        lines.append(f"This run is {run.status}: figures cover what was recorded.")
+    if run.cut:
+        lines.append(f"The last line of {' and '.join(run.cut)} is torn and left out.")
+    if source is None:
+        lines.append("No byte counters were written: measured communication is not known, columns of it are empty.")
+    elif told := (run.summary or {}).get("counters"):
+        lines.append(f"Metered by {told}.")
+    elif source == "client":
+        lines.append("Metered by the clients themselves.")
+    unlearned = []
+    for arm, name in labels(run.scenario).items():
+        tasks = [str(found.task) for found in run.results[arm] if not found.learned]
+        if tasks:
+            unlearned.append(f"task{'s' if len(tasks) > 1 else ''} {', '.join(tasks)} by {name}")
+    if unlearned:
+        not_equal = "Energies are not at equal reward, and there is no verdict on these arms."
+        lines.append(f"Not learned: {'; '.join(unlearned)}. {not_equal}")
+    return lines
+
+
+def _notes_of_the_processors(run: Run) -> list[str]:
+    """On what it was computed: two runs can be compared bit by bit only where that is the same."""
+    by_processor: dict[str, list[str]] = {}
+    for client, processors in computed_on(run.manifest).items():
+        for processor in dict.fromkeys(processors):
+            by_processor.setdefault(processor, []).append(client)
+    if len(by_processor) < 2:
+        return [f"Computed on {processor}; elsewhere weights may differ in their bits." for processor in by_processor]
+    told = "; ".join(f"{', '.join(clients)}: {processor}" for processor, clients in by_processor.items())
+    return [f"Computed on different processors ({told}): on one of them alone weights may be others."]
+
+
+def _notes_of_faults(run: Run) -> list[str]:
+    """What faults have cost in bytes; nothing where nothing has failed."""
+    lines = []
+    if any(row.missed for row in run.rows):
+        lines.append(f"Robots went on without neighbours that were gone: {'; '.join(_missed(run))}.")
+    found = conservation(run.meter_rows)
+    if found is None:
+        return lines
+    if found.repeated[0]:
+        lines.append(
+            f"Retransmitted: {found.repeated[0]} messages, {found.repeated[1] / 1e6:.3g} MB of payload, came more than "
+            "once because something had failed. They are in the bytes and in the bill."
+        )
+    if found.lost[0]:
+        lines.append(
+            f"Lost: {found.lost[0]} messages, {found.lost[1] / 1e6:.3g} MB of payload, were written to connections "
+            "that broke before they were received. They are in the bytes and in the bill too."
+        )
+    if found.broken and not run.misfits:  # of a run cut short: the two sides stopped counting at other moments
+        worst = found.broken[0]
+        lines.append(
+            f"The counters of broker and clients do not fit for {len(found.broken)} client and topic pairs, first "
+            f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+            f"{worst.delivered} (messages, bytes)."
+        )
+    return lines
+
+
+def _missed(run: Run) -> list[str]:
+    """Who went on without whom in which rounds of which arm."""
+    rounds: dict[tuple[str, int, int], list[int]] = {}
+    for row in run.rows:
+        for neighbour in row.missed:
+            rounds.setdefault((row.arm, row.agent, neighbour), []).append(row.round)
+    names = labels(run.scenario)
+    return [
+        f"{names[arm]}: robot {agent} without {neighbour} in {len(held)} rounds, {min(held)} to {max(held)}"
+        for (arm, agent, neighbour), held in sorted(rounds.items())
+    ]

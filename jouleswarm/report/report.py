@@ -1,0 +1,103 @@
+"""`jouleswarm report`: the bill of a run on the terminal, at the run's own or at other efficiencies.
+
+Pricing again never touches what the run wrote: `report.html` and `figures/energy.*` of other prices get the prices
+into their names, for example `report-ul500-sl200.html`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAVY
+from rich.console import Console
+from rich.table import Table
+
+from jouleswarm.common.disk.trouble import full_disk_is_told
+from jouleswarm.common.errors import RunError, usable
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.prices import Prices, reprice
+from jouleswarm.report.figures import write_figures
+from jouleswarm.report.format import TextTable
+from jouleswarm.report.html import write_html
+from jouleswarm.report.notes import headline, notes, verdicts, warnings
+from jouleswarm.report.tables import (
+    bytes_table,
+    causes_table,
+    energy_table,
+    lost_table,
+    rewards_table,
+    rounds_table,
+    sites_table,
+    totals_table,
+)
+from jouleswarm.runs.run import Run, load_run
+
+__all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
+
+_DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
+
+
+def report(
+    run_dir: str | Path,
+    prices: Prices | None = None,
+    *,
+    html: bool = False,
+    figures: bool = False,
+    console: Console | None = None,
+) -> list[Path]:
+    """Print the bill of a run, and draw figures and `report.html` if asked; returns the files written.
+
+    Args:
+        run_dir: what `jouleswarm run` printed.
+        prices: in place of the run's own.
+
+    Raises:
+        ConfigurationError: no such directory, or a price that is no price.
+        RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
+    """
+    run = load_run(run_dir)
+    energy, suffix = reprice(run.scenario.energy, prices or Prices())
+    print_report(run, energy, console)
+    with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
+        written = write_figures(run, energy, suffix) if figures else []
+        if html:
+            written.append(write_html(run, energy, suffix))
+    if run.misfits:
+        raise RunError(f"{run.path}: {warnings(run)[0]}")
+    return written
+
+
+def print_report(run: Run, energy: Energy | None = None, console: Console | None = None) -> None:
+    """Print a run's tables; `energy` in place of the scenario's own constants prices it again."""
+    energy = energy or run.scenario.energy
+    console = console or Console()
+    for line in warnings(run):
+        console.print(line, style="bold red", highlight=False)
+    console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
+    for table in (rounds_table(run), rewards_table(run), totals_table(run, energy)):
+        console.print(_table(table))
+    detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
+    for arm in detailed:
+        console.print(_table(energy_table(run, arm, energy)))
+    lost = lost_table(run, energy)
+    for table in (
+        causes_table(run, energy),
+        sites_table(run, energy),
+        *([lost] if lost else ()),
+        bytes_table(run, energy),
+    ):
+        console.print(_table(table))
+    for line in verdicts(run, energy):
+        console.print(line, style="bold", highlight=False)
+    for line in notes(run, energy):
+        console.print(line, style="dim", highlight=False)
+
+
+def _table(text: TextTable) -> Table:
+    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
+    for place, heading in enumerate(text.headings):
+        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
+    for number, row in enumerate(text.rows):
+        strong = number in text.strong
+        table.add_row(*row, style="bold" if strong else "", end_section=strong)
+    return table

@@ -1,0 +1,149 @@
+"""The live view of a run: where every cluster stands, and what it has cost so far."""
+
+from __future__ import annotations
+
+import time
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.equations import downlink_bit_per_j, transfer_j
+from jouleswarm.fleet.recorder import Recorder
+from jouleswarm.report.arms import METHOD_LABELS, label
+
+_LINE_EVERY_S = 10.0
+_WAITS_SHOWN = 3
+
+
+class View:
+    """Context manager; call `update` now and then. On a pipe it prints a line every few seconds instead."""
+
+    def __init__(self, console: Console, scenario: Scenario, recorder: Recorder) -> None:
+        self._console, self._scenario, self._recorder = console, scenario, recorder
+        self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
+        self._line_at = time.monotonic()
+
+    def __enter__(self) -> View:
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live:
+            self._live.stop()
+
+    def update(self) -> None:
+        """Show the newest state."""
+        if self._live:
+            self._live.update(self.render())
+        elif time.monotonic() - self._line_at >= _LINE_EVERY_S:
+            self._line_at = time.monotonic()
+            self._console.print(self.line(), highlight=False)
+
+    def line(self) -> str:
+        """One line for logs."""
+        parts = [f"{self._recorder.elapsed_s:5.0f} s"]
+        for method in self._scenario.meta_methods:
+            parts.append(f"{METHOD_LABELS[method]} {self._meta_round(method)}/{self._scenario.meta.t0}")
+        for arm in self._scenario.arm_names:
+            rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
+            told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
+            if told:
+                parts.append(f"{arm} done" if self._is_over(arm) else f"{arm} " + " ".join(told))
+        moved = self._recorder.received_bytes
+        parts.append(" ".join(f"{link} {count / 1e6:.1f} MB" for link, count in moved.items() if count))
+        return " | ".join([*parts, *self._waits()])
+
+    def render(self) -> RenderableType:
+        """The whole view."""
+        title = Text(f"{self._scenario.name}, seed {self._scenario.seed}: {self._recorder.elapsed_s:.0f} s")
+        return Group(title, self._stages(), self._links(), *(Text(wait, "yellow") for wait in self._waits()))
+
+    def _waits(self) -> list[str]:
+        """What lasts, the longest first."""
+        waits = self._recorder.waits
+        more = len(waits) - _WAITS_SHOWN
+        return [*waits[:_WAITS_SHOWN], *([f"and {more} more wait"] if more > 0 else [])]
+
+    def _stages(self) -> Table:
+        table = Table("phase", "task", "round", "R", "", box=None, pad_edge=False)
+        t0 = self._scenario.meta.t0
+        for method in self._scenario.meta_methods:
+            done = self._meta_round(method)
+            bar = ProgressBar(total=t0, completed=done, width=30)
+            table.add_row(f"data center: {METHOD_LABELS[method]}", "all", f"{done}/{t0}", "", bar)
+        for arm in self._scenario.arms:
+            if self._is_over(arm.name):
+                self._add_result(table, arm)
+            else:
+                self._add_clusters(table, arm)
+        return table
+
+    def _add_clusters(self, table: Table, arm: Arm) -> None:
+        target = self._scenario.federation.target_reward
+        for task in self._scenario.clusters:
+            row = self._cluster(arm.name, task)
+            if row is None:
+                continue
+            reward = row.cluster_reward
+            state: RenderableType = ProgressBar(total=target, completed=max(0.0, reward or 0.0), width=30)
+            if row.learned is not None:
+                state = Text("learned", "green") if row.learned else Text("not learned", "red")
+            shown = "" if reward is None else f"{reward:.1f}"
+            table.add_row(label(arm), str(task), str(row.round), shown, state)
+
+    def _add_result(self, table: Table, arm: Arm) -> None:
+        """One row for all tasks of an arm that is over, so that many arms fit a screen."""
+        ends = [self._rows(arm.name, task) for task in self._scenario.clusters]
+        rounds = sum(max(row.round for row in rows) for rows in ends)
+        learned = sum(all(row.learned for row in rows) for rows in ends)
+        text = Text(f"{learned} of {len(ends)} learned", "green" if learned == len(ends) else "red")
+        table.add_row(label(arm), "all", f"sum {rounds}", "", text)
+
+    def _links(self) -> Table:
+        energy = self._scenario.energy
+        bit_per_j = {"uplink": energy.ul_bit_per_j, "downlink": downlink_bit_per_j(energy)}
+        if energy.sidelink == "direct":  # via the base station they also depend on what is sent
+            bit_per_j["sidelink"] = energy.sl_bit_per_j
+        table = Table("received over", "MB", "J so far", box=None, pad_edge=False)
+        for link, count in self._recorder.received_bytes.items():
+            unpriced = "not priced" if link == "control" else "at the end"
+            joules = f"{transfer_j(count, bit_per_j[link]):,.0f}" if link in bit_per_j else unpriced
+            table.add_row(link, f"{count / 1e6:,.1f}", joules)
+        return table
+
+    def _meta_round(self, method: str) -> int:
+        newest = self._recorder.newest.items()
+        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, "maml"))
+        return max(rounds, default=0)
+
+    def _rows(self, arm: str, task: int) -> list[RoundRow]:
+        """The newest row of each robot of a cluster that has begun to learn."""
+        rows = (self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task))
+        return [row for row in rows if row is not None and row.phase == "fl"]
+
+    def _is_over(self, arm: str) -> bool:
+        return all(
+            len(rows) == len(cluster) and all(row.learned is not None for row in rows)
+            for task, cluster in self._scenario.clusters.items()
+            for rows in [self._rows(arm, task)]
+        )
+
+    def _cluster(self, arm: str, task: int) -> RoundRow | None:
+        """Where a cluster stands: at its slowest robot; one that is done does not hide one that is not."""
+        return min(
+            self._rows(arm, task),
+            key=lambda row: (row.learned is not None, bool(row.learned), row.round),
+            default=None,
+        )
+
+
+def _short(row: RoundRow) -> str:
+    done = {None: "", True: "+", False: "-"}[row.learned]
+    return f"{row.round}{done}" + ("" if row.cluster_reward is None else f"({row.cluster_reward:.0f})")

@@ -1,0 +1,243 @@
+"""A run directory as data, read back whole or as far as an interrupted run got."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
+from jouleswarm.common.meter.work import WorkRow
+from jouleswarm.common.scenario.documents import parse_json
+from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.topics import Link
+from jouleswarm.runs.conservation import Balance, conservation
+from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
+from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
+from jouleswarm.runs.lost_work import lost_work
+from jouleswarm.runs.summary import SCHEMA
+
+T = TypeVar("T", bound=BaseModel)
+
+_STATUSES = ("complete", "interrupted", "failed")
+
+
+class Progress(BaseModel):
+    """A point of the byte curves: payload bytes received so far, all clients together."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    time_s: float
+    bytes: dict[Link, int]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run directory holds. `cut` lists files whose last line was torn off by a kill."""
+
+    path: Path
+    manifest: dict[str, Any]
+    scenario: Scenario
+    rows: list[RoundRow]
+    meter_rows: list[MeterRow]
+    progress: list[Progress]
+    summary: dict[str, Any] | None
+    cut: list[str]
+    work_rows: Sequence[WorkRow] = ()
+
+    @property
+    def name(self) -> str:
+        """The run's name on the bus."""
+        return str(self.manifest["run"])
+
+    @property
+    def status(self) -> str:
+        """complete, interrupted or failed; a run without a summary was interrupted."""
+        return "interrupted" if self.summary is None else str(self.summary["status"])
+
+    @cached_property
+    def results(self) -> dict[str, list[TaskResult]]:
+        """Task results by arm."""
+        return {arm: task_results(self.scenario, self.rows, arm) for arm in self.scenario.arm_names}
+
+    @cached_property
+    def t0(self) -> dict[str, int]:
+        """Rounds of meta-learning done behind each arm's model; 0 without."""
+        return {arm: meta_rounds(self.rows, arm) for arm in self.scenario.arm_names}
+
+    @cached_property
+    def lost(self) -> list[WorkRow]:
+        """What was done and is in no row; see `runs.lost_work`."""
+        return lost_work(self.scenario, self.rows, self.work_rows)
+
+    @cached_property
+    def misfits(self) -> tuple[Balance, ...]:
+        """Where the final counters of broker and clients contradict each other; those of a run cut short are not
+        final."""
+        found = conservation(self.meter_rows) if self.status == "complete" else None
+        return found.broken if found is not None else ()
+
+    def rounds(self, arm: str) -> dict[int, float]:
+        """t_i by task."""
+        return {result.task: result.rounds for result in self.results[arm]}
+
+    def mean_rounds(self, arm: str) -> dict[int, float]:
+        """The mean over each task's robots of the rounds they took: t_i unless they stop by themselves."""
+        return {
+            result.task: result.robot_rounds / len(self.scenario.cluster(result.task)) for result in self.results[arm]
+        }
+
+
+def load_run(path: str | Path) -> Run:
+    """Read a run directory, also of a run that was cut short.
+
+    Raises:
+        ConfigurationError: `path` is not a directory.
+        RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage), or written
+            by another version in a way that this one cannot read.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
+    manifest = read_manifest(path)
+    try:
+        return _load(path, manifest)
+    except RunError as error:
+        if (other := other_version(manifest)) is None:
+            raise
+        raise RunError(f"{path}: {other}, which cannot read it; report it with the version that wrote it") from error
+
+
+def _load(path: Path, manifest: dict[str, Any]) -> Run:
+    summary = _summary(path / SUMMARY)
+    cut: list[str] = []
+    done = summary is not None
+    return Run(
+        path=path,
+        manifest=manifest,
+        scenario=_scenario(manifest, path / MANIFEST),
+        rows=_once(_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
+        meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
+        work_rows=_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
+        progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
+        summary=summary,
+        cut=cut,
+    )
+
+
+def _kept_rows(path: Path, run: str) -> list[MeterRow]:
+    """What the processes of a run that was killed had counted by then."""
+    state, prefix = path / STATE, f"{topics.ROOT}/{run}/"
+    rows = read_rows("broker", state / "broker")
+    for folder in sorted(state.glob("*")):
+        if folder.name != "broker":
+            rows += read_rows("client", folder)
+    return [row for row in rows if row.topic.startswith(prefix)]
+
+
+def _once(rows: list[RoundRow], file: Path) -> list[RoundRow]:
+    """Rows none of which stands twice: a bill would count it twice."""
+    first: dict[object, int] = {}
+    for number, row in enumerate(rows, start=1):
+        before = first.setdefault(row.sort_key(), number)
+        if before != number:
+            who = f"robot {row.agent}" if row.agent else "the data center"
+            raise RunError(
+                f"{file}, line {number}: round {row.round} of {who} in {row.arm} stands in line {before} already; "
+                "two processes wrote it, or somebody altered it"
+            )
+    return rows
+
+
+def _kept_work(path: Path) -> list[WorkRow]:
+    """What the processes of a run that was killed had done by then."""
+    return [row for folder in sorted((path / STATE).glob("*")) for row in read_work(folder.name, folder)]
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """The manifest of a run directory, of this version's schema.
+
+    Raises:
+        RunError: there is none, or it is damaged, or of another schema.
+    """
+    file = path / MANIFEST
+    if not file.exists():
+        raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
+    manifest = _json(file)
+    if manifest.get("schema") != SCHEMA:
+        other = other_version(manifest)
+        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))
+    for key, kind in (("run", str), ("scenario", dict)):
+        if not isinstance(manifest.get(key), kind):
+            raise RunError(f"{file}: damaged, it has no {key!r}")
+    return manifest
+
+
+def other_version(manifest: dict[str, Any]) -> str | None:
+    """Which version wrote a run directory and which one this is, if they differ."""
+    versions, ours = manifest.get("versions"), importlib.metadata.version("jouleswarm")
+    theirs = versions.get("jouleswarm") if isinstance(versions, dict) else None
+    return None if theirs in (None, ours) else f"written by version {theirs} of JouleSwarm, this is {ours}"
+
+
+def _summary(file: Path) -> dict[str, Any] | None:
+    summary = _json(file) if file.exists() else None
+    if summary is not None and summary.get("status") not in _STATUSES:
+        raise RunError(f"{file}: damaged, its status is {summary.get('status')!r}, expected {', '.join(_STATUSES)}")
+    return summary
+
+
+def _other_schema(schema: object) -> str:
+    if isinstance(schema, int) and schema < SCHEMA:
+        return (
+            f"run directory of schema {schema}, from before runs had an arm for each method; this version reads "
+            f"{SCHEMA}: report it with the version it names under versions, or run its scenario again"
+        )
+    return f"run directory of schema {schema!r}, this version reads {SCHEMA}"
+
+
+def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
+    try:
+        return scenario_from(manifest["scenario"], str(file))
+    except ConfigurationError as error:
+        raise RunError(f"{file}: damaged: {error}") from error
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        found = parse_json(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunError(f"{file}: cannot be read: {error}") from error
+    if not isinstance(found, dict):
+        raise RunError(f"{file}: damaged, expected a JSON object")
+    return found
+
+
+def _lines(file: Path, model: type[T], needed: bool, cut: list[str] | None) -> list[T]:
+    """Rows of a JSON-lines file. A torn last line is left out and told in `cut`; with None it is damage too."""
+    if not file.exists():
+        if needed:
+            raise RunError(f"{file}: missing, though the run has a {SUMMARY}")
+        return []
+    try:
+        lines = file.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise RunError(f"{file}: cannot be read: {error.strerror}") from error
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            rows.append(model.model_validate_json(line))
+        except ValidationError as error:
+            if cut is not None and number == len(lines) and not line.endswith(b"\n"):
+                cut.append(file.name)
+                break
+            raise RunError(f"{file}, line {number}: damaged: {error.errors()[0]['msg']}") from error
+    return rows

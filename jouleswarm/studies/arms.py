@@ -1,0 +1,48 @@
+"""The arms of a study's facts in the order that tables and figures show them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
+
+from jouleswarm.common.scenario.arms import META_METHODS
+from jouleswarm.studies.estimates import Estimate, estimate
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.prices import runs_of, task_stages
+
+Measure = Literal["rounds", "rounds_first", "rounds_w3"]
+MEASURES: tuple[Measure, ...] = ("rounds", "rounds_first", "rounds_w3")
+PLAIN = "fl"
+"""The arm without transfer."""
+
+
+def arms_by_t0(facts: Iterable[Fact]) -> dict[int, str]:
+    """t0 -> arm, 0 for learning without transfer, the smallest first. Other methods are left out."""
+    found = {fact.t0: fact.arm for fact in facts if fact.method in META_METHODS or fact.arm == PLAIN}
+    return dict(sorted(found.items()))
+
+
+def tasks_of(facts: Iterable[Fact]) -> tuple[int, ...]:
+    """Ids of the tasks, ascending."""
+    return tuple(sorted({fact.task for fact in task_stages(facts)}))
+
+
+def over_runs(runs: dict[int, list[Fact]], value: Callable[[list[Fact]], float]) -> Estimate:
+    """A value of each seed's run, its mean and interval over seeds."""
+    return estimate(value(facts) for facts in runs.values())
+
+
+def rounds_estimate(facts: Sequence[Fact], variant: str, arm: str, tasks: Iterable[int], measure: Measure) -> Estimate:
+    """Rounds of an arm summed over `tasks`, over seeds."""
+    wanted = set(tasks)
+    return over_runs(
+        runs_of(facts, variant, arm),
+        lambda run: sum(getattr(fact, measure) for fact in task_stages(run) if fact.task in wanted),
+    )
+
+
+def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[int]) -> tuple[int, int]:
+    """(not learned, all) trials of an arm on `tasks`, all seeds together."""
+    wanted = set(tasks)
+    held = [fact for fact in task_stages(facts) if (fact.variant, fact.arm) == (variant, arm) and fact.task in wanted]
+    return sum(not fact.learned for fact in held), len(held)

@@ -1,0 +1,81 @@
+"""Where jobs run: worker processes on this machine, or a Dask cluster of the user's."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from multiprocessing import resource_tracker
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster
+
+from jouleswarm.common.errors import StudyError
+
+_CONFIG: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": 0,  # a job that took its worker down would take the next one down too
+    "distributed.worker.use-file-locking": False,
+}
+_CONNECT_TIMEOUT_S = 30
+_SAFE_PATH = "PYTHONSAFEPATH"
+
+
+@contextlib.contextmanager
+def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
+    """A client of the cluster at `scheduler`, or of `workers` processes started here and ended with the context.
+
+    Raises:
+        StudyError: no cluster answers.
+    """
+    with dask.config.set(_CONFIG):
+        if scheduler is not None:
+            with _client_of(scheduler) as client:
+                yield client
+        else:
+            with _safe_path(), _local_cluster(workers) as cluster, Client(cluster) as client:
+                yield client
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """The current folder is not for the workers, also for those that Dask starts again: a `random.py` there is not
+    Python's. Whatever else this process starts later is not concerned."""
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = before or "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
+
+
+def _local_cluster(workers: int) -> LocalCluster:
+    # A Ctrl-C at the terminal is for this process alone, which ends its workers itself. What is started here,
+    # threads and processes, inherits the mask. The tracker comes first: it lets SIGINT through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=0,  # what is large is in processes of the deployment, which Dask does not see
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _client_of(scheduler: str) -> Client:
+    try:
+        return Client(scheduler, timeout=_CONNECT_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise StudyError(
+            f"no Dask scheduler answered at {scheduler!r} ({error}); expected an address like tcp://HOST:8786"
+        ) from error

@@ -1,0 +1,106 @@
+"""From a run directory to facts: the only place where a study reads what a run left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import groupby
+from statistics import fmean
+
+from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
+from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.equations import directed_links
+from jouleswarm.runs.directory import computed_on
+from jouleswarm.runs.facts import TaskResult, meta_counts, task_counts
+from jouleswarm.runs.run import Run
+from jouleswarm.studies.facts import META_STAGE, Fact
+
+
+def facts_of(run: Run) -> list[Fact]:
+    """Reduce a run to one fact an arm and stage: meta-learning first where there is one, then each task.
+
+    Arms that start from one meta-training share it: each is given its first t0 rounds, as if it had been run alone.
+    """
+    facts = []
+    for arm in run.scenario.arms:
+        if arm.method in META_METHODS:
+            facts.append(_meta_fact(run, arm))
+        facts += [_task_fact(run, arm, result) for result in run.results[arm.name]]
+    return facts
+
+
+def first_round(rewards: Sequence[Sequence[float]], target: float, window: int) -> int | None:
+    """The first round, from 1, in which the robots' mean reward over the last `window` rounds reaches `target`.
+
+    Args:
+        rewards: [round][robot] rewards of greedy episodes; of the first rounds there are fewer than `window`.
+        target: the reward at which a task counts as learned.
+        window: rounds that are averaged, 1 or more.
+    """
+    means = [fmean(of_round) for of_round in rewards]
+    for round_ in range(1, len(means) + 1):
+        if fmean(means[max(0, round_ - window) : round_]) >= target:
+            return round_
+    return None
+
+
+def _meta_fact(run: Run, arm: Arm) -> Fact:
+    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == ("maml", arm.method, 0)]
+    return Fact(
+        **_head(run, arm),
+        task=META_STAGE,
+        robots=len(run.scenario.agents),
+        links=0,
+        rounds=arm.t0,
+        rounds_first=arm.t0,
+        rounds_w3=arm.t0,
+        learned=True,
+        reward=None,
+        rmse_m=None,
+        **asdict(meta_counts(run.rows, run.meter_rows, arm.name, lost=run.lost)),
+        seconds=round(sum(row.seconds for row in stage if row.round <= arm.t0), 3),
+    )
+
+
+def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
+    rows = [
+        row for row in run.rows if (row.phase, row.arm, row.task) == ("fl", arm.name, result.task) and row.agent != 0
+    ]
+    rewards = _rewards(rows)
+    target = run.scenario.federation.target_reward
+    robots = len(run.scenario.cluster(result.task))
+    linked = arm.method not in (*SERVED_METHODS, "isolated")
+    return Fact(
+        **_head(run, arm),
+        task=result.task,
+        robots=robots,
+        links=directed_links(robots, run.scenario.federation) if linked else 0,
+        rounds=result.rounds,
+        rounds_first=first_round(rewards, target, 1) or result.rounds,
+        rounds_w3=first_round(rewards, target, 3) or result.rounds,
+        learned=result.learned,
+        reward=result.reward,
+        rmse_m=result.rmse_m,
+        **asdict(task_counts(run.rows, run.meter_rows, arm.name, task=result.task, lost=run.lost)),
+        seconds=_slowest_s(rows),
+    )
+
+
+def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:
+    """[round][robot] rewards, in the order of rounds."""
+    told = sorted((row.round, row.agent, row.reward) for row in rows if row.reward is not None)
+    return [[reward for *_, reward in of_round] for _, of_round in groupby(told, key=lambda row: row[0])]
+
+
+def _slowest_s(rows: Sequence[RoundRow]) -> float:
+    of_robot: dict[int, float] = {}
+    for row in rows:
+        of_robot[row.agent] = of_robot.get(row.agent, 0.0) + row.seconds
+    return round(max(of_robot.values(), default=0.0), 3)
+
+
+def _head(run: Run, arm: Arm) -> dict[str, str | int]:
+    noted = computed_on(run.manifest).values()
+    processor = "; ".join(sorted({each for processors in noted for each in processors}))
+    head: dict[str, str | int] = {"variant": "", "seed": run.scenario.seed, "processor": processor}
+    return head | {"arm": arm.name, "method": arm.method, "t0": arm.t0}

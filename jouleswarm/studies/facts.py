@@ -1,0 +1,124 @@
+"""Facts: what one stage of one arm of one run did. Counts only; every price comes later."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from jouleswarm.common.errors import StudyError
+from jouleswarm.energy.equations import Counts
+from jouleswarm.studies.files import number_text, write_atomically
+
+META_STAGE = 0
+"""The `task` of the shared meta-learning stage in the data center."""
+
+
+class Fact(BaseModel):
+    """A row of `facts.csv`: the meta-learning stage of an arm (task 0) or one task's own stage."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    variant: str
+    """What the study varied, "" where it varies nothing but the seed."""
+    seed: int
+    arm: str
+    method: str
+    t0: int
+    """Rounds of meta-training behind the model that robots start from; 0 without."""
+    task: int
+    robots: int
+    """Of the cluster; of task 0, those that the meta-model goes down to."""
+    links: int
+    """Directed neighbour links of the cluster; 0 in methods without sidelinks."""
+    rounds: int
+    """t_i by the scenario's own reward window; of task 0, t0. A task that was not learned ran to max_rounds."""
+    rounds_first: int
+    """First round in which the cluster's mean reward reached the target; `rounds` if none did."""
+    rounds_w3: int
+    """The same of rewards averaged over the last 3 rounds."""
+    learned: bool
+    reward: float | None
+    rmse_m: float | None
+    gradients_support: float
+    gradients_query: float
+    gradients_robots: float
+    uplink_bytes: float
+    downlink_bytes: float
+    sidelink_bytes: float
+    sidelink_sent_bytes: float
+    seconds: float
+    """Wall-clock time of the stage: of its slowest robot, or of the data center."""
+    processor: str = ""
+    """What it was computed on (see `common.host`); "" in facts from before that was noted."""
+
+    @property
+    def counts(self) -> Counts:
+        """What is priced."""
+        return Counts(
+            gradients_support=self.gradients_support,
+            gradients_query=self.gradients_query,
+            gradients_robots=self.gradients_robots,
+            uplink_bytes=self.uplink_bytes,
+            downlink_bytes=self.downlink_bytes,
+            sidelink_bytes=self.sidelink_bytes,
+            sidelink_sent_bytes=self.sidelink_sent_bytes,
+        )
+
+
+COLUMNS = tuple(Fact.model_fields)
+_TEXTS = ("variant", "processor")
+
+
+def write_facts(path: Path, facts: Iterable[Fact]) -> None:
+    """Write facts as CSV, whole or not at all.
+
+    Raises:
+        StudyError: the file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([number_text(value) for value in fact.model_dump().values()] for fact in facts)
+    write_atomically(path, text.getvalue())
+
+
+def read_facts(path: Path) -> list[Fact]:
+    """Read facts back.
+
+    Raises:
+        StudyError: the file cannot be read, has other columns, or a row that is not a fact.
+    """
+    try:
+        rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise StudyError(f"{path}: cannot be read ({error}); expected the facts.csv of a study") from error
+    columns = COLUMNS if rows and len(rows[0]) == len(COLUMNS) else COLUMNS[:-1]
+    if not rows or tuple(rows[0]) != columns:
+        got = ",".join(rows[0]) if rows else "an empty file"
+        raise StudyError(f"{path}: got {got}, expected the columns {','.join(COLUMNS)}; run the study again")
+    return [_fact(columns, row, f"{path}, line {number}") for number, row in enumerate(rows[1:], start=2)]
+
+
+def processors_note(facts: Iterable[Fact]) -> str | None:
+    """What to know of facts that were not all computed on the same; None where they were."""
+    found = sorted({fact.processor for fact in facts})
+    if len(found) < 2:
+        return None
+    told = "; ".join(name or "not noted" for name in found)
+    return f"facts were computed on {len(found)} kinds of processor ({told}): run again on one, some may be others"
+
+
+def _fact(columns: Sequence[str], row: list[str], where: str) -> Fact:
+    if len(row) != len(columns):
+        raise StudyError(f"{where}: {len(row)} cells, expected {len(columns)}; delete the file and run the study again")
+    # Only text may be empty; any other empty cell is a value that is not known.
+    cells = {name: cell if cell or name in _TEXTS else None for name, cell in zip(columns, row, strict=True)}
+    try:
+        return Fact.model_validate(cells)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise StudyError(f"{where}: {first['loc'][0]}: {first['msg']}, got {first['input']!r}") from error

@@ -1,0 +1,31 @@
+"""Files of a study: written whole or not at all, numbers spelled alike everywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jouleswarm.common.errors import StudyError
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write `text` to `path`, making its folder; a reader finds the old file or the new one, never a part.
+
+    Raises:
+        StudyError: the file cannot be written.
+    """
+    temporary = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    except OSError as error:
+        raise StudyError(f"cannot write {path}: {error.strerror}; name another folder with --results") from error
+
+
+def number_text(value: object) -> str:
+    """A CSV cell that reads back as the same value: whole floats without a point, "" for None."""
+    if value is None:
+        return ""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value)

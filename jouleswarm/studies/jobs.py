@@ -1,0 +1,130 @@
+"""A study as a list of jobs: each is one whole deployment, complete in itself so that any machine can run it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.arms import META_METHODS
+from jouleswarm.common.scenario.documents import parse_toml
+from jouleswarm.common.scenario.scenario import Scenario, load_scenario, scenario_path
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One setting of what a study varies."""
+
+    label: str
+    """`what=value`, as it stands in facts.csv and under figures; "" for the scenario as it is."""
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Job:
+    """One deployment: a scenario (TOML text), what is changed in it, and a seed."""
+
+    variant: str
+    seed: int
+    scenario: str
+    overrides: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the job's files. Other settings make another name, so facts are never taken for others'."""
+        said = [parse_toml(self.scenario), list(self.overrides), self.variant]
+        digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:8]
+        label = re.sub(r"[^A-Za-z0-9]+", "-", self.variant).strip("-") or "base"
+        return f"{label}-s{self.seed:03d}-{digest}"
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """All overrides, the seed among them."""
+        return (*self.overrides, f"seed={self.seed}")
+
+    def load(self) -> Scenario:
+        """The scenario as the processes of the deployment will load it.
+
+        Raises:
+            ConfigurationError: it cannot be used.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            return load_scenario(self.write(Path(folder)), self.settings)
+
+    def write(self, folder: Path) -> Path:
+        """Write the scenario file that every process of the deployment loads; returns its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "scenario.toml"
+        path.write_text(self.scenario, encoding="utf-8")
+        return path
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for: which scenario, which changes, which seeds."""
+
+    scenario_file: Path
+    overrides: tuple[str, ...]
+    seeds: tuple[int, ...]
+    t0: int
+
+    @property
+    def text(self) -> str:
+        """The scenario file's text.
+
+        Raises:
+            ConfigurationError: it cannot be read.
+        """
+        try:
+            return scenario_path(self.scenario_file).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigurationError(
+                f"scenario {self.scenario_file}: cannot be read ({error}); name one with --scenario"
+            ) from error
+
+    def scenario(self, settings: Sequence[str], more: Sequence[str] = ()) -> Scenario:
+        """The scenario with the study's settings, then the user's changes, then `more`."""
+        return load_scenario(self.scenario_file, [*settings, *self.overrides, *more])
+
+    @property
+    def meta_method(self) -> str:
+        """The scenario's own method of meta-learning: the first one it names, else MAML."""
+        _ = self.text  # of a file that is not there, its error says what to do
+        named = load_scenario(self.scenario_file).methods
+        return next((method for method in named if method in META_METHODS), "maml")
+
+    def jobs(
+        self, variants: Iterable[Variant], settings: Sequence[str], seeds: Iterable[int] | None = None
+    ) -> list[Job]:
+        """Every variant under every seed (default: all that were asked for).
+
+        The study's `settings` come first, then the user's changes, then the variant's own: what a study varies
+        differs between its variants whatever the user has set.
+        """
+        text = self.text
+        return [
+            Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides))
+            for variant in variants
+            for seed in (self.seeds if seeds is None else seeds)
+        ]
+
+
+def methods_setting(methods: Iterable[str]) -> str:
+    """The override that names the methods of a run."""
+    return f"methods={json.dumps(list(methods))}"
+
+
+def range_of_seeds(count: int, first: int) -> tuple[int, ...]:
+    """`count` seeds from `first` on.
+
+    Raises:
+        ConfigurationError: `count` is below 1 or `first` below 0.
+    """
+    if count < 1 or first < 0:
+        raise ConfigurationError(f"got {count} seeds from {first} on, expected 1 seed or more, from 0 on or more")
+    return tuple(range(first, first + count))

@@ -1,0 +1,62 @@
+"""What every study is made of: a plan of jobs, and tables and figures from their facts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.files import write_atomically
+from jouleswarm.studies.jobs import Job, Request
+from jouleswarm.studies.names import StudyName
+from jouleswarm.studies.record import Record
+from jouleswarm.studies.style import Draw, write_figure
+from jouleswarm.studies.tables import Table, csv_text, markdown_text
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Tables and figures by the name of their file."""
+
+    csv: dict[str, Table]
+    markdown: dict[str, list[Table]]
+    figures: dict[str, Draw] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study runs; `settings` are those of all its jobs, `groups` and `values` see `Record`."""
+
+    jobs: list[Job]
+    settings: list[str]
+    groups: dict[str, dict[str, str]] = field(default_factory=dict)
+    values: dict[str, dict[int, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A study. To add one, write `plan` and `outputs` and name it in `studies.catalogue`."""
+
+    name: StudyName
+    seeds: int
+    t0: int
+    plan: Callable[[Request], Plan]
+    outputs: Callable[[Sequence[Fact], Record], Outputs]
+
+
+def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:
+    """Write the tables for programs; the same facts make the same bytes."""
+    return [_write(folder / f"{name}.csv", csv_text(table)) for name, table in outputs.csv.items()]
+
+
+def write_outputs(folder: Path, outputs: Outputs) -> list[Path]:
+    """Write all tables and draw all figures; returns the paths."""
+    written = write_csv_tables(folder, outputs)
+    written += [_write(folder / f"{name}.md", markdown_text(held)) for name, held in outputs.markdown.items()]
+    return written + [path for name, draw in outputs.figures.items() for path in write_figure(folder, name, draw)]
+
+
+def _write(path: Path, text: str) -> Path:
+    write_atomically(path, text)
+    return path

@@ -1,0 +1,165 @@
+"""Energy by t0, the optimal t0, and how many tasks it takes until meta-learning pays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.paper import PrintedTotal, printed_total
+from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
+from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
+from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings
+from jouleswarm.studies.estimates import Estimate, estimate
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.prices import (
+    PAIRS,
+    PRICE_LISTS,
+    Efficiencies,
+    PriceList,
+    failures,
+    priced,
+    runs_of,
+    task_stages,
+)
+from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+
+
+class EnergyRow(NamedTuple):
+    """Joules of one t0 over seeds."""
+
+    t0: int
+    ml: Estimate
+    fl: Estimate
+    total: Estimate
+
+
+def energy_rows(facts: Sequence[Fact], energy: Energy, pair: Efficiencies, prices: PriceList) -> list[EnergyRow] | None:
+    """E_ML, the sum of E_FL and E for every t0; None where the price list is not defined."""
+    rows = []
+    for t0, arm in arms_by_t0(facts).items():
+        found = [priced(run, pair.of(energy), prices) for run in runs_of(facts, "", arm).values()]
+        held = [joules for joules in found if joules is not None]
+        if len(held) < len(found):
+            return None
+        parts = ([j.meta.total_j for j in held], [j.tasks_j for j in held], [j.total_j for j in held])
+        rows.append(EnergyRow(t0, *(estimate(part) for part in parts)))
+    return rows
+
+
+def optimum(rows: Sequence[EnergyRow], *, with_meta: bool = False) -> EnergyRow:
+    """The row of the lowest mean total energy; of those with meta-learning only, if asked and there are any."""
+    held = [row for row in rows if row.t0 > 0] if with_meta else []
+    return min(held or rows, key=lambda row: row.total.mean)
+
+
+def energy_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+    """A row a pair of efficiencies, price list and t0; no joules where the price list is not defined."""
+    rows: list[tuple[Cell, ...]] = []
+    for pair in PAIRS:
+        for prices in PRICE_LISTS:
+            held = {row.t0: row for row in energy_rows(facts, energy, pair, prices) or ()}
+            for t0, arm in arms_by_t0(facts).items():
+                row = held.get(t0)
+                parts = (row.ml, row.fl, row.total) if row else (None, None, None)
+                cells = [cell for part in parts for cell in spread(part)]
+                counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm, tasks_of(facts)))
+                printed = _printed(t0, pair)
+                told = (printed.ml_j, printed.total_j) if printed else (None, None)
+                grams = [cell for each in _carbon(facts, arm, energy, pair, prices) for cell in spread(each)]
+                rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *grams))
+    return Table(
+        "Energy by t0",
+        (
+            *("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "ml_j", "ml_ci95", "fl_j", "fl_ci95", "total_j"),
+            *("total_ci95", "seeds", "not_learned", "trials", "printed_ml_j", "printed_total_j"),
+            *carbon_columns(energy),
+        ),
+        rows,
+    )
+
+
+def optimum_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+    """The t0 of least energy of each pair and price list, of all and of those with meta-learning."""
+    rows: list[tuple[Cell, ...]] = []
+    for pair in PAIRS:
+        for prices in PRICE_LISTS:
+            held = energy_rows(facts, energy, pair, prices)
+            if held is None:
+                continue
+            best, best_meta = optimum(held), optimum(held, with_meta=True)
+            meta_cells = (best_meta.t0, best_meta.total.mean) if best_meta.t0 else (None, None)
+            printed = next((t0 for t0 in (42, 132) if _printed(t0, pair)), None)
+            head = (pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices)
+            rows.append(
+                (*head, best.t0, best.total.mean, *meta_cells, printed, failures(facts), len(task_stages(facts)))
+            )
+    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "total_j", "t0_with_meta", "total_with_meta_j")
+    return Table("Optimal t0", (*headings, "printed_t0", "not_learned", "trials"), rows)
+
+
+def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
+    """The same for readers, in kJ, the optimum marked."""
+    tables = []
+    for pair in PAIRS:
+        for prices in PRICE_LISTS:
+            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices} prices"
+            held = energy_rows(facts, energy, pair, prices)
+            headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E", *carbon_headings(energy))
+            if held is None:
+                note = "The paper implies no prices for these methods at these efficiencies."
+                tables.append(Table(title, headings, [], (note,)))
+                continue
+            best = optimum(held)
+            rows = [
+                (*_row(facts, pair, row, row is best), *map(estimate_text, _carbon(facts, arm, energy, pair, prices)))
+                for row, arm in zip(held, arms_by_t0(facts).values(), strict=True)
+            ]
+            tables.append(Table(title, headings, rows, ("The lowest mean is bold.",)))
+    return tables
+
+
+def break_even_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+    """M*, the number of tasks beyond which meta-learning pays; inf where none is enough."""
+    rows: list[tuple[Cell, ...]] = []
+    arms = arms_by_t0(facts)
+    without = [fact for fact in facts if fact.arm == PLAIN]
+    for pair in PAIRS:
+        for prices in PRICE_LISTS:
+            for t0, arm in arms.items():
+                if t0 == 0 or not without:
+                    continue
+                mean = mean_counts([fact for fact in facts if fact.arm == arm], without)
+                found = costs(mean, pair.of(energy), prices)
+                tasks = break_even_tasks(found) if found else None
+                cells = tuple(found) if found else (None, None, None)
+                counted = (failures_of(facts, "", each, tasks_of(facts)) for each in (arm, PLAIN))
+                rows.append((*_head(pair, prices, t0), *cells, tasks, *(cell for pair_ in counted for cell in pair_)))
+    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "meta_j", "task_j", "plain_task_j", "break_even_tasks")
+    return Table("Break-even", (*headings, "not_learned", "trials", "plain_not_learned", "plain_trials"), rows)
+
+
+def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) -> tuple[Cell, ...]:
+    arm = arms_by_t0(facts)[row.t0]
+    ml, fl, total = (estimate_text(part, 1e3) for part in (row.ml, row.fl, row.total))
+    printed = _printed(row.t0, pair)
+    told = f"{printed.total_j / 1e3:g}" if printed else None
+    not_learned = failures_text(*failures_of(facts, "", arm, tasks_of(facts)))
+    return row.t0, ml, fl, f"**{total}**" if best else total, not_learned, told
+
+
+def _carbon(
+    facts: Sequence[Fact], arm: str, energy: Energy, pair: Efficiencies, prices: PriceList
+) -> tuple[Estimate | None, ...]:
+    """Grams of one t0; not known by the published prices, which do not tell sites apart."""
+    found = carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy))
+    return found if prices == "literal" else (None,) * len(found)
+
+
+def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:
+    found = printed_total("fl" if t0 == 0 else "maml", t0, *pair)
+    return found if found is not None and found.t0 == t0 else None
+
+
+def _head(pair: Efficiencies, prices: PriceList, t0: int) -> tuple[Cell, ...]:
+    return pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices, t0

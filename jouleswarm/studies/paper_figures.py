@@ -1,0 +1,187 @@
+"""The paper's Figs. 3 and 4 from facts, and the break-even map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from jouleswarm.common.errors import StudyError
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
+from jouleswarm.studies.breakeven import MeanCounts, gain_map, mean_counts
+from jouleswarm.studies.estimates import Estimate, estimate
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.paper_energy import energy_rows, optimum
+from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, PriceList, priced, runs_of
+from jouleswarm.studies.style import COLOURS, INK, META, PLAIN_COLOUR, blank, points
+
+PAPER_T0 = 210
+_PAIR_COLOURS = (INK, "#D55E00")
+_BAR = 0.38
+_ABOVE: dict[str, Any] = {
+    "ha": "center",
+    "va": "bottom",
+    "fontsize": 6,
+    "xytext": (0, 2),
+    "textcoords": "offset points",
+}
+_MAP_TASKS, _MAP_RATIOS = (1.0, 200.0), (0.01, 100.0)
+_MAP_POINTS = 121
+
+
+def figure_3(facts: Sequence[Fact], energy: Energy) -> Figure:
+    """Fig. 3 at the paper's t0 (else the largest): energy by both price lists, and rounds; with and without."""
+    t0 = shown_t0(facts)
+    arms = {"with meta-learning": arms_by_t0(facts)[t0], "without": PLAIN}
+    tasks = tasks_of(facts)
+    figure = blank(5.6)
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, prices in zip(panels[:2], PRICE_LISTS, strict=True):
+        for place, arm in enumerate(arms.values()):
+            _bars(axes, place, _stage_estimates(facts, arm, energy, prices, tasks))
+        axes.set_ylabel(f"energy (kJ),\n{prices} prices")
+    for place, arm in enumerate(arms.values()):
+        rounds = [rounds_estimate(facts, "", arm, (task,), "rounds") for task in tasks]
+        start = Estimate(float(t0 if arm != PLAIN else 0), None, 1)
+        _bars(panels[2], place, [start, *rounds])
+    panels[2].set_ylabel("rounds")
+    names = [f"meta-learning\n($t_0$ = {t0})", *(f"task {task}" for task in tasks)]
+    panels[2].set_xticks(range(len(names)), names)
+    colours = (META, PLAIN_COLOUR)
+    figure.legend(
+        handles=[Patch(facecolor=colour, label=name) for name, colour in zip(arms, colours, strict=True)],
+        loc="outside upper right",
+        ncols=2,
+    )
+    return figure
+
+
+def figure_4a(facts: Sequence[Fact], energy: Energy) -> Figure:
+    """Fig. 4a: E_ML, the sum of E_FL and E against t0, for both pairs of efficiencies; a panel a price list."""
+    figure = blank(3.2)
+    for axes, prices in zip(figure.subplots(1, 2), PRICE_LISTS, strict=True):
+        for pair, colour in zip(PAIRS, _PAIR_COLOURS, strict=True):
+            rows = energy_rows(facts, energy, pair, prices)
+            if rows is None:
+                continue
+            t0s = [float(row.t0) for row in rows]
+            for part, marker, line in (("ml", "D", "-"), ("fl", "s", "-"), ("total", "", "--")):
+                held = [_kilo(getattr(row, part)) for row in rows]
+                points(axes, t0s, held, color=colour, marker=marker, linestyle=line)
+            best = optimum(rows)
+            axes.plot(best.t0, best.total.mean / 1e3, marker="o", color=colour, fillstyle="none", markersize=9)
+        axes.set_title(f"{prices} prices")
+        axes.set_xlabel("$t_0$ (rounds)")
+        axes.set_ylabel("energy (kJ)")
+        axes.set_yscale("symlog", linthresh=1.0)
+        axes.set_ylim(bottom=0)
+    handles = [
+        *(
+            Patch(facecolor=c, label=f"E$_{{UL}}$/E$_{{SL}}$ {p.label}")
+            for p, c in zip(PAIRS, _PAIR_COLOURS, strict=True)
+        ),
+        Line2D([], [], color=INK, marker="D", markersize=4, label="$E_{ML}$"),
+        Line2D([], [], color=INK, marker="s", markersize=4, label="sum of $E_{FL}$"),
+        Line2D([], [], color=INK, linestyle="--", label="$E$"),
+        Line2D([], [], color=INK, linestyle="", marker="o", fillstyle="none", label="least $E$"),
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=6, columnspacing=1.0, handlelength=1.5)
+    return figure
+
+
+def figure_4b(facts: Sequence[Fact]) -> Figure:
+    """Fig. 4b: rounds t_i against t0, a line a task."""
+    figure = blank(2.8)
+    axes = figure.subplots()
+    arms = arms_by_t0(facts)
+    for place, task in enumerate(tasks_of(facts)):
+        found = [rounds_estimate(facts, "", arm, (task,), "rounds") for arm in arms.values()]
+        at = [t0 + (place - len(tasks_of(facts)) / 2) for t0 in arms]  # side by side, so that no interval hides another
+        points(axes, at, found, color=COLOURS[place % len(COLOURS)], marker="o", label=f"task {task}")
+    axes.set_xlabel("$t_0$ (rounds)")
+    axes.set_ylabel("$t_i$ (rounds)")
+    axes.set_ylim(bottom=0)
+    figure.legend(loc="outside right center")
+    return figure
+
+
+def break_even_figure(facts: Sequence[Fact], energy: Energy, sl_bit_per_j: float, t0: int | None = None) -> Figure:
+    """Energy without over energy with meta-learning by number of tasks and E_UL / E_SL, the line where it is 1.
+
+    Without `t0` the best of those measured is taken at each point.
+    """
+    tasks = np.geomspace(*_MAP_TASKS, _MAP_POINTS)
+    ratios = np.geomspace(*_MAP_RATIOS, _MAP_POINTS)
+    here = energy.model_copy(update={"sl_bit_per_j": sl_bit_per_j})
+    found = np.log10(gain_map(_candidates(facts, t0), here, tasks, ratios))
+    figure = blank(3.4)
+    axes = figure.subplots()
+    limit = float(np.abs(found).max()) or 1.0
+    mesh = axes.pcolormesh(
+        tasks, ratios, found, cmap="PuOr_r", norm=TwoSlopeNorm(0, -limit, limit), shading="gouraud", rasterized=True
+    )
+    if found.min() < 0 < found.max():
+        axes.contour(tasks, ratios, found, levels=[0.0], colors=INK, linewidths=1.4)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("tasks $M$")
+    axes.set_ylabel("$E_{UL} / E_{SL}$")
+    chosen = f"$t_0$ = {t0}" if t0 else "best measured $t_0$ at each point"
+    axes.set_title(f"{chosen}, $E_{{SL}}$ = {sl_bit_per_j / 1e3:g} kb/J, literal prices")
+    ticks = np.linspace(-limit, limit, 5)
+    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, label="energy without / with meta-learning")
+    bar.ax.set_yticklabels([f"{10**tick:.2g}" for tick in ticks])
+    return figure
+
+
+def shown_t0(facts: Sequence[Fact]) -> int:
+    """The paper's t0 where it was measured, else the largest."""
+    measured = arms_by_t0(facts)
+    return PAPER_T0 if PAPER_T0 in measured else max(measured)
+
+
+def _candidates(facts: Sequence[Fact], t0: int | None) -> list[MeanCounts]:
+    without = [fact for fact in facts if fact.arm == PLAIN]
+    arms = {found: arm for found, arm in arms_by_t0(facts).items() if found and t0 in (None, found)}
+    if not arms:
+        raise StudyError(
+            f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''}, expected one; measured t0 are "
+            f"{', '.join(map(str, arms_by_t0(facts)))}"
+        )
+    return [mean_counts([fact for fact in facts if fact.arm == arm], without) for arm in arms.values()]
+
+
+def _stage_estimates(
+    facts: Sequence[Fact], arm: str, energy: Energy, prices: PriceList, tasks: Sequence[int]
+) -> list[Estimate]:
+    """kJ of the meta stage and of each task at the first pair of efficiencies, where both price lists are defined."""
+    runs = [priced(run, PAIRS[0].of(energy), prices) for run in runs_of(facts, "", arm).values()]
+    held = [run for run in runs if run is not None]
+    if not held:
+        return []
+    stages = [[run.meta.total_j for run in held], *([run.tasks[task].total_j for run in held] for task in tasks)]
+    return [_kilo(estimate(stage)) for stage in stages]
+
+
+def _bars(axes: Axes, place: int, found: Sequence[Estimate]) -> None:
+    at = [x + (place - 0.5) * _BAR for x in range(len(found))]
+    means, halves = [each.mean for each in found], [each.ci95 or 0.0 for each in found]
+    colour = (META, PLAIN_COLOUR)[place]
+    axes.bar(at, means, _BAR, color=colour, yerr=halves, error_kw={"elinewidth": 0.8, "capsize": 2, "ecolor": INK})
+    for x, each in zip(at, found, strict=True):
+        if each.mean:
+            text = f"{each.mean:.3g}"
+            axes.annotate(
+                text, (x, each.mean), ha="center", va="bottom", fontsize=6, xytext=(6, 1), textcoords="offset points"
+            )
+
+
+def _kilo(found: Estimate) -> Estimate:
+    return Estimate(found.mean / 1e3, None if found.ci95 is None else found.ci95 / 1e3, found.n)

@@ -1,0 +1,100 @@
+"""Table II again, and the tasks seen in meta-training against those unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import fsum
+
+from jouleswarm.energy.paper import TABLE_II
+from jouleswarm.studies.arms import MEASURES, Measure, arms_by_t0, failures_of, rounds_estimate, tasks_of
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+
+_PRINTED_TASKS = (1, 2, 3, 4, 5, 6)
+_MEASURE_TITLES = {
+    "rounds": "R averaged over the scenario's reward window",
+    "rounds_first": "the first round in which the cluster's mean reward reached the target",
+    "rounds_w3": "rewards averaged over the last 3 rounds",
+}
+_CENSORED = "A task that was not learned counts as the rounds it ran, so means with such are lower bounds."
+
+
+def table_2_csv(facts: Sequence[Fact]) -> Table:
+    """t_i over seeds for every t0 and task and their sum, by each measure, beside the printed Table II."""
+    rows: list[tuple[Cell, ...]] = []
+    tasks = tasks_of(facts)
+    for measure in MEASURES:
+        for t0, arm in arms_by_t0(facts).items():
+            for name, of in (*((str(task), (task,)) for task in tasks), ("sum", tasks)):
+                found = rounds_estimate(facts, "", arm, of, measure)
+                not_learned, trials = failures_of(facts, "", arm, of)
+                cells = (*spread(found), found.n, not_learned, trials, _printed(t0, of, tasks))
+                rows.append((measure, t0, name, *cells))
+    headings = ("measure", "t0", "task", "rounds", "ci95", "seeds", "not_learned", "trials", "printed")
+    return Table("Table II", headings, rows)
+
+
+def table_2_markdown(facts: Sequence[Fact]) -> list[Table]:
+    """The same for readers, a table a measure; the printed values stand in brackets."""
+    return [_by_measure(facts, measure) for measure in MEASURES]
+
+
+def seen_unseen_csv(facts: Sequence[Fact], training: Sequence[int]) -> Table:
+    """Rounds summed over tasks seen in meta-training, and over the unseen, beside the printed sums."""
+    rows: list[tuple[Cell, ...]] = []
+    for measure in MEASURES:
+        for t0, arm in arms_by_t0(facts).items():
+            for name, of in _groups(facts, training):
+                found = rounds_estimate(facts, "", arm, of, measure)
+                not_learned, trials = failures_of(facts, "", arm, of)
+                printed = _printed(t0, of, tasks_of(facts))
+                rows.append((measure, t0, name, *spread(found), found.n, not_learned, trials, printed))
+    headings = ("measure", "t0", "tasks", "rounds", "ci95", "seeds", "not_learned", "trials", "printed")
+    return Table("Seen and unseen tasks", headings, rows)
+
+
+def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int]) -> list[Table]:
+    """The same for readers, by the scenario's own reward window."""
+    groups = _groups(facts, training)
+    rows: list[tuple[Cell, ...]] = []
+    for t0, arm in arms_by_t0(facts).items():
+        cells: list[Cell] = [t0]
+        for _, of in groups:
+            cells.append(_cell(facts, t0, arm, of, "rounds"))
+            cells.append(failures_text(*failures_of(facts, "", arm, of)))
+        rows.append(tuple(cells))
+    named = [f"{name} ({', '.join(map(str, of))})" for name, of in groups]
+    headings = ("t0", *(heading for name in named for heading in (name, "not learned")))
+    return [Table("Rounds summed over seen and unseen tasks (printed)", headings, rows, (_CENSORED,))]
+
+
+def _by_measure(facts: Sequence[Fact], measure: Measure) -> Table:
+    tasks = tasks_of(facts)
+    rows: list[tuple[Cell, ...]] = []
+    for t0, arm in arms_by_t0(facts).items():
+        cells = [_cell(facts, t0, arm, of, measure) for of in (*((task,) for task in tasks), tasks)]
+        rows.append((t0, *cells, failures_text(*failures_of(facts, "", arm, tasks))))
+    headings = ("t0", *(f"t_{task}" for task in tasks), "sum", "not learned")
+    return Table(f"Rounds t_i (printed): {_MEASURE_TITLES[measure]}", headings, rows, (_CENSORED,))
+
+
+def _cell(facts: Sequence[Fact], t0: int, arm: str, of: Sequence[int], measure: Measure) -> str:
+    printed = _printed(t0, of, tasks_of(facts))
+    text = estimate_text(rounds_estimate(facts, "", arm, of, measure))
+    return text if printed is None else f"{text} ({printed:.1f})"
+
+
+def _groups(facts: Sequence[Fact], training: Sequence[int]) -> list[tuple[str, tuple[int, ...]]]:
+    tasks = tasks_of(facts)
+    groups = [
+        ("seen", tuple(task for task in tasks if task in training)),
+        ("unseen", tuple(task for task in tasks if task not in training)),
+    ]
+    return [(name, of) for name, of in groups if of]
+
+
+def _printed(t0: int, of: Sequence[int], tasks: Sequence[int]) -> float | None:
+    """The printed sum over tasks, where these are the paper's six tasks and t0 one of its."""
+    if t0 not in TABLE_II or tuple(tasks) != _PRINTED_TASKS:
+        return None
+    return fsum(TABLE_II[t0][task - 1] for task in of)

@@ -1,0 +1,56 @@
+"""`study.json`: what a study's facts were made with, beside them; no path and no date, so that it can be committed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from jouleswarm.common.errors import StudyError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.studies.files import write_atomically
+
+RECORD = "study.json"
+
+
+class Record(BaseModel):
+    """The study, its scenario before variants and seeds, and what tables need beside facts."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    study: str
+    profile: str
+    scenario: Scenario
+    seeds: tuple[int, ...]
+    t0: int
+    """Rounds of meta-training that the study is about, where it is about one."""
+    groups: dict[str, dict[str, str]] = Field(default_factory=dict)
+    """What was varied -> its value -> the variant of facts.csv that has it; a figure each."""
+    values: dict[str, dict[int, float]] = Field(default_factory=dict)
+    """Variant -> seed -> what was measured of its scenario before it ran (similarity, say)."""
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write `study.json`.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
+    write_atomically(folder / RECORD, record.model_dump_json(indent=2) + "\n")
+
+
+def read_record(folder: Path) -> Record:
+    """Read `study.json` back.
+
+    Raises:
+        StudyError: it is missing or damaged.
+    """
+    path = folder / RECORD
+    try:
+        return Record.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror}); name a results folder of a study") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(level) for level in first["loc"])
+        raise StudyError(f"{path}: damaged at {where}: {first['msg']}; run the study again") from error
