@@ -58,7 +58,7 @@ def main(
         from jouleswarm.common.errors import ConfigurationError, RunError, usable
         from jouleswarm.common.host import arithmetic, same_arithmetic
         from jouleswarm.common.meter.meter import Meter
-        from jouleswarm.common.scenario.scenario import load_scenario
+        from jouleswarm.common.scenario.reading import load_scenario
         from jouleswarm.common.wire import topics
         from jouleswarm.common.wire.messages import Presence, encode_json
         from jouleswarm.datacenter.center import run_datacenter

@@ -11,7 +11,7 @@ import resource
 import secrets
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -27,7 +27,8 @@ from jouleswarm.common.disk.verify import check_states
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError, usable
 from jouleswarm.common.host import machine, moved
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, encode_json
 from jouleswarm.fleet.broker_log import BrokerLog
@@ -38,7 +39,6 @@ from jouleswarm.fleet.preflight import check_largest_message
 from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
 from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
-from jouleswarm.report.view import View
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
 from jouleswarm.runs.run import other_version, read_manifest
 from jouleswarm.runs.summary import SCHEMA
@@ -71,6 +71,16 @@ def new_run_id(scenario: Scenario) -> str:
     return f"{scenario.name}-{now}-{secrets.token_hex(2)}"
 
 
+class View(Protocol):
+    """Shows a run while it goes on."""
+
+    def update(self) -> None:
+        """Called again and again."""
+
+
+Viewing = Callable[[Console, Scenario, Recorder], AbstractContextManager[View]]
+
+
 @dataclass(frozen=True)
 class Options:
     """How the processes of a deployment are started."""
@@ -87,6 +97,8 @@ class Options:
     """Whether a run may be gone on with elsewhere than where it was begun."""
     intruder: Intruder | None = None
     """Who may interfere."""
+    view: Viewing | None = None
+    """What shows the run while it goes on."""
 
 
 def run_deployment(
@@ -232,7 +244,7 @@ def _deploy(
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        _watch(scenario, recorder, console, launcher, intruder, broker_log)
+        _watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
     shutil.rmtree(state)
 
 
@@ -244,6 +256,7 @@ def record_deployment(
     console: Console,
     ready_file: Path | None = None,
     keys: Path | None = None,
+    view: Viewing | None = None,
 ) -> Path:
     """Record a run whose processes others start; returns the run directory.
 
@@ -260,7 +273,7 @@ def record_deployment(
         if ready_file is not None:
             with usable("--ready-file", ready_file):
                 ready_file.touch()
-        _watch(scenario, recorder, console, None)
+        _watch(scenario, recorder, console, view)
     return directory.path
 
 
@@ -341,11 +354,12 @@ def _watch(
     scenario: Scenario,
     recorder: Recorder,
     console: Console,
-    launcher: Launcher | None,
+    viewing: Viewing | None,
+    launcher: Launcher | None = None,
     intruder: Intruder | None = None,
     broker_log: BrokerLog | None = None,
 ) -> None:
-    with View(console, scenario, recorder) as view:
+    with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
         while recorder.waiting_for:
             recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
             recorder.check()
@@ -355,4 +369,5 @@ def _watch(
                 intruder.tick()
             if broker_log is not None:
                 broker_log.show()
-            view.update()
+            if view is not None:
+                view.update()

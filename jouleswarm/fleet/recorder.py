@@ -19,9 +19,10 @@ from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Acknowledgement, Presence, Wait, decode_json, encode_json
+from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
-from jouleswarm.fleet.admission import check_presence, check_report, check_row, client_of, learned_name, snapshot_name
+from jouleswarm.fleet.admission import check_presence, check_report, check_row, learned_name, snapshot_name
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
 from jouleswarm.runs.directory import RunDirectory

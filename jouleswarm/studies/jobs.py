@@ -13,7 +13,8 @@ from pathlib import Path
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.documents import parse_toml
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario, scenario_path
+from jouleswarm.common.scenario.reading import load_scenario, scenario_path
+from jouleswarm.common.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import pytest
 from jouleswarm.chaos.faults import Site, inject, refused
 from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.disk.state import State, StateFile
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.deploy import manifest
 from jouleswarm.runs.directory import RunDirectory
 

@@ -19,7 +19,8 @@ from rich.console import Console
 
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.arms import META_METHODS, METHODS
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.prices import Prices

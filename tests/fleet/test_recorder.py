@@ -13,7 +13,8 @@ from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.bus.reporter import MeterReport, Telemetry
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import (
     Acknowledgement,
