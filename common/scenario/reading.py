@@ -17,6 +17,8 @@ from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
 
+DOORS = "doors"
+"""Folder of a run directory with the user's files that came in by doors."""
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 
 
@@ -44,7 +46,7 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, str(path))
+    return scenario_from(data, str(path), path.parent / DOORS if path.suffix == ".json" else path.parent)
 
 
 def scenario_path(path: str | Path) -> Path:
@@ -66,13 +68,17 @@ def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> 
     data = scenario.model_dump(mode="json")
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, where)
+    return scenario_from(data, where, scenario.folder)
 
 
-def scenario_from(data: dict[str, Any], where: str) -> Scenario:
-    """Validate a scenario given as plain data; `where` names its origin in errors."""
+def scenario_from(data: dict[str, Any], where: str, folder: Path | None = None) -> Scenario:
+    """Validate a scenario given as plain data; `where` names its origin in errors, `folder` holds files it names.
+
+    Raises:
+        ConfigurationError: one line saying what is wrong, where, and what was expected.
+    """
     try:
-        scenario = Scenario.model_validate(data)
+        scenario = Scenario.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
     if misfit := next(misfits(scenario), None):

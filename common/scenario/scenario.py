@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from functools import cached_property
-from typing import Self
+from pathlib import Path
+from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from jouleswarm.common.doors import Kind, digest, file_of, open_door
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
 from jouleswarm.common.scenario.sections import (
@@ -47,6 +50,11 @@ class Scenario(Section):
     meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
+    _folder: Path | None = PrivateAttr(None)
+
+    def model_post_init(self, context: Any) -> None:
+        """Remember where files are that the scenario names (see `common.doors`)."""
+        self._folder = (context or {}).get("folder")
 
     @field_validator("methods")
     @classmethod
@@ -101,6 +109,8 @@ class Scenario(Section):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
+        if not self.files:
+            self._folder = None  # two scenarios are equal wherever they were read from
         return self
 
     def _check_on_missing(self) -> None:
@@ -110,6 +120,37 @@ class Scenario(Section):
                 f'federation.on_missing = "proceed" with {", ".join(served) or "codec topk"}: expected methods over '
                 "sidelinks and a codec whose messages are whole, for who comes back has missed some"
             )
+
+    @property
+    def folder(self) -> Path | None:
+        """Where the files are that the scenario names; None where it names none."""
+        return self._folder
+
+    @property
+    def named(self) -> tuple[tuple[Kind, str], ...]:
+        """What comes in by doors."""
+        return ()
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files of the user's own that come in by doors, by the name of their module."""
+        found = {name.partition(":")[0]: file_of(name, self._folder) for _, name in self.named}
+        return {module: path for module, path in found.items() if path is not None}
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of `files`."""
+        return {module: digest(path) for module, path in sorted(self.files.items())}
+
+    @property
+    def determines(self) -> str:
+        """All that what is learned depends on, as text."""
+        settings = self.model_dump_json(exclude=CHANGES_NOTHING)
+        return settings + (json.dumps(digests) if (digests := self.digests) else "")
+
+    def open(self, kind: Kind, name: str) -> Any:
+        """What goes by a name of the scenario's (see `common.doors.open_door`)."""
+        return open_door(kind, name, self._folder)
 
     @property
     def meta_methods(self) -> tuple[Method, ...]:

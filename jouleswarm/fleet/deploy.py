@@ -283,6 +283,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
         "schema": SCHEMA,
         "run": run,
         "scenario": scenario.model_dump(mode="json"),
+        "doors": scenario.digests,
         "seed": scenario.seed,
         "versions": {
             "python": platform.python_version(),
@@ -318,6 +319,7 @@ def _recording(
     if (directory.path / MANIFEST).exists():
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
         described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
+    directory.doors(scenario.files)
     directory.manifest(described)
     bus = MqttBus.connect(
         url,
