@@ -56,7 +56,7 @@ def main(
     """
     with process(f"robot {id}", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
-        from jouleswarm.agents.agent import run_agent
+        from jouleswarm.agents.robot import run_agent
         from jouleswarm.common.bus.credentials import credentials_of
         from jouleswarm.common.bus.mqtt import MqttBus
         from jouleswarm.common.disk.lock import Lock

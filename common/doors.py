@@ -21,16 +21,33 @@ from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
 
+DOORS = "doors"
+"""Folder of a run directory with the user's files: what came in by doors, and what a scenario names beside them."""
+
 Kind = Literal["environments", "networks", "methods", "codecs", "prices"]
 
 # By name and not by import: this is the ground floor, and a process loads only what its scenario asks for.
 SHIPPED: dict[Kind, dict[str, str]] = {
     "environments": {},
     "networks": {},
-    "methods": {},
+    "methods": {
+        "fl": "jouleswarm.methods.consensus:Federated",
+        "isolated": "jouleswarm.methods.consensus:Isolated",
+        "fedavg": "jouleswarm.methods.fedavg:FedAvg",
+        "centralized": "jouleswarm.methods.centralized:Centralized",
+        "maml": "jouleswarm.methods.maml:Maml",
+        "fomaml": "jouleswarm.methods.maml:FirstOrderMaml",
+        "reptile": "jouleswarm.methods.reptile:Reptile",
+        "anil": "jouleswarm.methods.anil:Anil",
+        "multitask": "jouleswarm.methods.multitask:Multitask",
+    },
     "codecs": {},
     "prices": {},
 }
+
+CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
+"""`module:function` that is given what a door has opened and its name, and raises a `ConfigurationError` in one line
+where that is not what the door is for."""
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -62,6 +79,19 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
             where = getattr(found, "__file__", None) or module_name
             raise ConfigurationError(f"{_one(kind)} {name!r}: {where} has no {part}{hint}")
         found = getattr(found, part)
+    return found
+
+
+def enter(kind: Kind, name: str, folder: Path | None) -> Any:
+    """What `open_door` finds, once it has been seen to be what the door is for.
+
+    Raises:
+        ConfigurationError: there is nothing of that name, or it does not keep the door's contract.
+    """
+    found = open_door(kind, name, folder)
+    if contract := CONTRACTS.get(kind):
+        module, _, function = contract.partition(":")
+        getattr(importlib.import_module(module), function)(found, f"{_one(kind)} {name!r}")
     return found
 
 

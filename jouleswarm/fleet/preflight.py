@@ -13,7 +13,6 @@ import time
 from jouleswarm.codecs.codec import FLOAT32, experience_bytes, weights_bytes
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.runs.sizes import tensor_entries
@@ -66,12 +65,11 @@ def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
         meta.experience_codec, (camera.width, camera.height), (network.width, network.height)
     )
     sizes = [(weights_bytes(FLOAT32, tensors), topics.learned(run, scenario.arms[0].name, min(scenario.clusters)))]
-    for method in {arm.method for arm in scenario.arms}:
-        if method in META_METHODS:
-            sizes.append((weights_bytes(FLOAT32, [*tensors, *heads]), topics.meta_model(run, method)))
-        if method in META_METHODS or method == "centralized":
-            task, robots = min(scenario.clusters.items())
-            sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
+    for method in scenario.meta_methods:
+        sizes.append((weights_bytes(FLOAT32, [*tensors, *heads]), topics.meta_model(run, method)))
+    for method in scenario.experience_methods:
+        task, robots = min(scenario.clusters.items())
+        sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
     return max(sizes)
 
 

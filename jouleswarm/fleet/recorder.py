@@ -58,7 +58,7 @@ class Recorder:
         self._present: dict[str, Presence] = {}
         self._waits: dict[str, tuple[float, Wait]] = {}
         self.stages: dict[str, int] = {}
-        """How far each process has come (see agents/agent.py); 2 * arms + 1: done."""
+        """How far each process has come (see agents/robot.py); 2 * arms + 1: done."""
         self._patience = Patience(bus, run, scenario.federation.give_up_after_s)
         self._patience.begin()
         self._asked_s = self._begun
