@@ -64,7 +64,7 @@ class Scenario(Section):
     def _methods_differ(cls, methods: tuple[str, ...]) -> tuple[str, ...]:
         if not methods or len(set(methods)) != len(methods):
             expected = f"{', '.join(SHIPPED['methods'])}, or module:name"
-            raise ValueError(f"got {list(methods)}; name each method once, one or more of {expected}")
+            raise ValueError(f"name each method once, one or more of {expected}; got {list(methods)}")
         return methods
 
     @model_validator(mode="after")
