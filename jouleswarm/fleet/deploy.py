@@ -20,8 +20,9 @@ from typing import Any, Protocol
 
 from rich.console import Console
 
+from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.bus.credentials import Credentials, credentials_of
-from jouleswarm.common.bus.mqtt import MqttBus, parse_url
+from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import Lock, await_free
 from jouleswarm.common.disk.verify import check_states
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError, usable
