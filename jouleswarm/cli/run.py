@@ -88,7 +88,7 @@ def record(
     --run-id (default: the scenario's name), as with the processes' --run.
     """
     from jouleswarm.common.scenario.reading import load_scenario
-    from jouleswarm.fleet.deploy import record_deployment
+    from jouleswarm.fleet.recording import record_deployment
     from jouleswarm.report.view import View
 
     settings = load_scenario(scenario, overrides(set_, seed))

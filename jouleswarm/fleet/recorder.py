@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -13,8 +12,6 @@ from jouleswarm.common.bus.agreement import proclamation
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
 from jouleswarm.common.errors import BrokerUnreachableError, PayloadError, RunError
-from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
-from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_json, encode_json
@@ -126,10 +123,6 @@ class Recorder:
         robots = [f"agent-{agent}" for agent in self._scenario.agents]
         return [*robots, DATA_CENTER] if self._scenario.needs_datacenter else robots
 
-    def _counted_by(self, client: str) -> list[MeterRow]:
-        """The counters of a process that was killed or interrupted, as far as it has come."""
-        return read_rows("client", self._state / client) if self._state is not None else []
-
     def close(self, status: Status) -> None:
         """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
 
@@ -147,7 +140,7 @@ class Recorder:
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
-        clients, work = self._clients_rows(), self._work_done()
+        clients, work = self._reports.rows(self._clients, self._state), self._reports.work(self._clients, self._state)
         try:
             rows, source = self._broker.end(patience_s, clients)
         except (RunError, BrokerUnreachableError) as error:
@@ -169,18 +162,6 @@ class Recorder:
         self._bus.close()
         if failed is not None:
             raise failed
-
-    def _clients_rows(self) -> list[MeterRow]:
-        """What all processes but the recorder have counted themselves."""
-        whole = self._reports.whole
-        of_clients = (whole[each].rows if each in whole else self._counted_by(each) for each in self._clients)
-        return list(chain.from_iterable(of_clients))
-
-    def _work_done(self) -> list[WorkRow]:
-        """What all processes have computed and moved."""
-        whole, state = self._reports.whole, self._state
-        kept = {each: read_work(each, state / each) for each in self._clients if state and each not in whole}
-        return [row for each in self._clients for row in (whole[each].work if each in whole else kept.get(each, []))]
 
     def _hear(self, message: Message) -> None:
         try:
