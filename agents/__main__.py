@@ -98,4 +98,4 @@ def main(
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m agents")
+    app()

@@ -90,4 +90,4 @@ def main(
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m datacenter")
+    app()
