@@ -51,7 +51,7 @@ def main(
     Every process of a run takes the same scenario file and the same --set options; one that has others is refused.
     Robots may come in any order; each waits for its neighbours and, if the scenario has the arm, for the data center.
 
-    Example: python -m agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario scenarios/quick.toml
+    Example: python -m jouleswarm.agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario quick
     """
     with process(f"robot {id}", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
@@ -76,4 +76,4 @@ def main(
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m agents")
+    app()

@@ -25,10 +25,10 @@ def main(options: Options) -> None:
     Subscribe to $SYS/jouleswarm/meter for its totals and $SYS/jouleswarm/limits for the largest message it takes;
     docs/broker.md says how to ask for all rows of a run. Ctrl-C ends it.
 
-    Example: python -m broker --port 1883, then python -m datacenter --broker mqtt://127.0.0.1:1883
+    Example: python -m jouleswarm.broker --port 1883
 
-    With users, TLS and topic rights: jouleswarm keys init scenarios/quick.toml --out keys --hosts HOST,127.0.0.1,
-    then python -m broker --host 0.0.0.0 --keys keys
+    With users, TLS and topic rights: jouleswarm keys init quick --out keys --hosts HOST,127.0.0.1, then
+    python -m jouleswarm.broker --host 0.0.0.0 --keys keys
     """
     _log(options.log_level)
     with one_line_errors("broker"):

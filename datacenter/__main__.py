@@ -45,7 +45,7 @@ def main(
     For a meta method it takes the experience of t0 rounds from the uplink and stays until every robot of the scenario
     has the meta-model; for fedavg and centralized it serves every round. CUDA is used where there is one.
 
-    Example: python -m datacenter --broker mqtt://localhost:1883 --scenario scenarios/quick.toml
+    Example: python -m jouleswarm.datacenter --broker mqtt://localhost:1883 --scenario quick
     """
     with process("data center", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
@@ -69,4 +69,4 @@ def main(
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m datacenter")
+    app()
