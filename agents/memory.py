@@ -18,7 +18,7 @@ from jouleswarm.common.errors import RunError
 from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.scenario import CHANGES_NOTHING, Scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.learner import Weights
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
@@ -36,8 +36,7 @@ class Memory:
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
         folder = keep.folder
         self._folder, self._keep, self._meter = folder, keep, meter
-        settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
-        owner = hashlib.sha256(f"{run} {agent} {settings}".encode()).hexdigest()
+        owner = hashlib.sha256(f"{run} {agent} {scenario.determines}".encode()).hexdigest()
         self._file = None
         self._growing: dict[str, Growing] = {}
         if folder is not None:

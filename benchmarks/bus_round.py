@@ -20,7 +20,7 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.deploy import run_deployment
 from jouleswarm.runs.directory import ROUNDS

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, decode_json
 from jouleswarm.fleet.launcher import Launcher

@@ -10,7 +10,7 @@ import csv
 from pathlib import Path
 
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.datacenter.beta import measure_beta
 
 _COLUMNS = ("method", "inner_steps", "exact_s", "first_order_s", "ratio", "beta_time", "beta_flops")

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from jouleswarm.codecs.frames import resize
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
 from jouleswarm.environments.landmarks.scene import build_scene, cast
 

@@ -23,7 +23,8 @@ from safetensors.numpy import load
 
 from jouleswarm.codecs.frames import resize
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.environment import LandmarksEnv
 from jouleswarm.environments.landmarks.tasks import action_values, start_cells
 from jouleswarm.learning.heads import start_of

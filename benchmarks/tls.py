@@ -19,7 +19,7 @@ from benchmarks.broker_throughput import WEIGHTS_BYTES
 from benchmarks.brokers import embedded
 from jouleswarm.common.bus.credentials import Credentials, credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.fleet.keys import make_keys
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from amqtt.mqtt.packet import (
     DISCONNECT,
@@ -24,12 +24,10 @@ from amqtt.session import Session
 from jouleswarm.broker.connection import Connection
 from jouleswarm.broker.deliveries import INFLIGHT_LIMIT, Deliveries
 from jouleswarm.broker.errors import MalformedPacket
-from jouleswarm.broker.limits import REPLIES
+from jouleswarm.broker.limits import REPLIES, Budget, Limits
+from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.packets import Packet, parse_packet_id, parse_publish, parse_subscribe, parse_unsubscribe
 from jouleswarm.broker.publication import Publication
-
-if TYPE_CHECKING:
-    from jouleswarm.broker.core import SwarmBroker
 
 # What else the first byte of a packet must hold (section 2.2.2).
 _REQUIRED_FLAGS = {
@@ -47,10 +45,34 @@ _UNSUBACK = b"\xb0\x02"
 _PUBACK, _PUBREC, _PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"
 
 
-class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
-    """amqtt's handler with a delivery path of its own (see README.md for what is overridden and why)."""
+class Exchange(Protocol):
+    """The broker as one of its connections sees it."""
 
-    def __init__(self, broker: SwarmBroker, connection: Connection, session: Session) -> None:
+    limits: Limits
+    meter: BrokerMeter
+    budget: Budget
+    plugins_manager: Any
+
+    def patience_s(self, handler: ClientHandler) -> float:
+        """How long a client may take nothing, seconds."""
+
+    async def accept(self, sender: Session, publication: Publication, *, retain: bool) -> None:
+        """Take a message for whoever has subscribed to it."""
+
+    def add_subscription(self, subscription: tuple[str, int], session: Session) -> int:
+        """The QoS that is granted, or 0x80."""
+
+    async def deliver_retained(self, handler: ClientHandler, topic_filter: str, qos: int) -> None:
+        """Send what is kept for a new subscription."""
+
+    def remove_subscription(self, topic_filter: str, session: Session) -> None:
+        """Forget one."""
+
+
+class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
+    """amqtt's handler with a delivery path of its own (see docs/broker.md for what is overridden and why)."""
+
+    def __init__(self, broker: Exchange, connection: Connection, session: Session) -> None:
         super().__init__(broker.plugins_manager, session)
         self.connection = connection
         self.left = asyncio.Event()

@@ -13,7 +13,7 @@ from jouleswarm.common.disk.seals import Growing, Seal
 from jouleswarm.common.disk.state import State, StateFile, Stateful, sync, write_whole
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import KEYS
-from jouleswarm.common.scenario.scenario import CHANGES_NOTHING, Scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 
 _FINISHED = "finished"
@@ -132,5 +132,4 @@ class Checkpoint:
 
 def owner_of(scenario: Scenario, run: str, method: str) -> str:
     """Of all that a method's state depends on: it goes on bit by bit only where this is the same."""
-    settings = scenario.model_dump_json(exclude=CHANGES_NOTHING)
-    return hashlib.sha256(f"{run} {method} {settings}".encode()).hexdigest()
+    return hashlib.sha256(f"{run} {method} {scenario.determines}".encode()).hexdigest()

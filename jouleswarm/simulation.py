@@ -14,7 +14,8 @@ from jouleswarm.agents.agent import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.bus.reporter import Telemetry
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import decode_json
 from jouleswarm.common.wire.rows import RoundRow

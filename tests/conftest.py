@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.keys import make_keys
 from tests.made_up_run import facts, write_run  # noqa: F401 -- fixtures of several rooms' tests
 

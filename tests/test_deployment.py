@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 import yaml
 
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = [f"agent-{number}" for number in range(1, 13)]

@@ -6,14 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Federation, Network
 from jouleswarm.common.wire.messages import MAX_REWARD
 from jouleswarm.environments.landmarks.maps import TaskMap
-
-if TYPE_CHECKING:
-    from jouleswarm.common.scenario.scenario import Scenario
 
 CHANNELS = ACTIONS = 4  # see learning.networks
 MAX_ROBOTS = 1000

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import json
-import reprlib
-import tomllib
-from collections.abc import Sequence
 from functools import cached_property
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from jouleswarm.common.doors import Kind, digest, file_of, open_door
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
-from jouleswarm.common.scenario.documents import parse_json, parse_toml
-from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.sections import (
     Bus,
     Camera,
@@ -31,7 +26,6 @@ from jouleswarm.common.scenario.sections import (
 )
 from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
 
-SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
     "energy": True,
@@ -56,6 +50,11 @@ class Scenario(Section):
     meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
+    _folder: Path | None = PrivateAttr(None)
+
+    def model_post_init(self, context: Any) -> None:
+        """Remember where files are that the scenario names (see `common.doors`)."""
+        self._folder = (context or {}).get("folder")
 
     @field_validator("methods")
     @classmethod
@@ -110,8 +109,8 @@ class Scenario(Section):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
-        if misfit := next(misfits(self), None):
-            raise ValueError(misfit)
+        if not self.files:
+            self._folder = None  # two scenarios are equal wherever they were read from
         return self
 
     def _check_on_missing(self) -> None:
@@ -121,6 +120,37 @@ class Scenario(Section):
                 f'federation.on_missing = "proceed" with {", ".join(served) or "codec topk"}: expected methods over '
                 "sidelinks and a codec whose messages are whole, for who comes back has missed some"
             )
+
+    @property
+    def folder(self) -> Path | None:
+        """Where the files are that the scenario names; None where it names none."""
+        return self._folder
+
+    @property
+    def named(self) -> tuple[tuple[Kind, str], ...]:
+        """What comes in by doors."""
+        return ()
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files of the user's own that come in by doors, by the name of their module."""
+        found = {name.partition(":")[0]: file_of(name, self._folder) for _, name in self.named}
+        return {module: path for module, path in found.items() if path is not None}
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of `files`."""
+        return {module: digest(path) for module, path in sorted(self.files.items())}
+
+    @property
+    def determines(self) -> str:
+        """All that what is learned depends on, as text."""
+        settings = self.model_dump_json(exclude=CHANGES_NOTHING)
+        return settings + (json.dumps(digests) if (digests := self.digests) else "")
+
+    def open(self, kind: Kind, name: str) -> Any:
+        """What goes by a name of the scenario's (see `common.doors.open_door`)."""
+        return open_door(kind, name, self._folder)
 
     @property
     def meta_methods(self) -> tuple[Method, ...]:
@@ -190,99 +220,3 @@ class Scenario(Section):
     def task_map(self, task: int) -> TaskMap:
         """The parsed map of a task."""
         return parse_map(self.task(task).map, self.world.rows, self.world.cols)
-
-
-def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Read a scenario file and apply `section.key=value` overrides (values are TOML, or plain text).
-
-    A plain name is one that comes with the package: `quick`. A run's manifest.json is a scenario file too: the run's
-    own, resolved.
-
-    Raises:
-        ConfigurationError: one line saying what is wrong, where, and what was expected.
-    """
-    path = scenario_path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
-    except OSError as error:
-        raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
-    except (KeyError, TypeError) as error:
-        raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
-    except ValueError as error:
-        expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
-        raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
-    if not isinstance(data, dict):
-        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
-    for override in overrides:
-        _apply(data, override)
-    return scenario_from(data, str(path))
-
-
-def scenario_path(path: str | Path) -> Path:
-    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package.
-
-    Raises:
-        ConfigurationError: neither a file nor such a name.
-    """
-    path = Path(path)
-    if path.suffix or len(path.parts) != 1 or path.is_file():
-        return path
-    if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
-        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
-    return SCENARIOS / f"{path.name}.toml"
-
-
-def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> Scenario:
-    """A scenario with `section.key=value` overrides; `where` names its origin in errors.
-
-    Raises:
-        ConfigurationError: as `load_scenario`.
-    """
-    data = scenario.model_dump(mode="json")
-    for override in overrides:
-        _apply(data, override)
-    return scenario_from(data, where)
-
-
-def scenario_from(data: dict[str, Any], where: str) -> Scenario:
-    """Validate a scenario given as plain data; `where` names its origin in errors."""
-    try:
-        return Scenario.model_validate(data)
-    except ValidationError as error:
-        raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
-
-
-def _apply(data: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    shown = repr(override) if len(override) <= 80 else repr(override[:77]) + "..."
-    if not equals or not key:
-        raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
-    *sections, last = key.strip().split(".")
-    for section in sections:
-        data = data.setdefault(section, {})
-        if not isinstance(data, dict):
-            raise ConfigurationError(f"override {shown}: {section!r} is not a section")
-    try:
-        data[last] = parse_toml(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        data[last] = text
-    except ValueError as error:
-        raise ConfigurationError(f"override {shown}: {error}") from error
-
-
-def _one_line(error: ValidationError) -> str:
-    parts = []
-    for item in error.errors(include_url=False):
-        where = ".".join(str(level) for level in item["loc"])
-        got = "" if item["type"] in ("value_error", "missing", "extra_forbidden") else f", got {_short(item['input'])}"
-        parts.append(f"{where}: {item['msg'].removeprefix('Value error, ')}{got}".removeprefix(": "))
-    return "; ".join(parts)
-
-
-def _short(value: object) -> str:
-    try:
-        text = json.dumps(value, default=str)
-    except RecursionError:
-        text = reprlib.repr(value)
-    return text if len(text) < 60 else text[:57] + "..."

@@ -23,6 +23,7 @@ from jouleswarm.chaos.table import chaos_csv
 from jouleswarm.common.errors import RunError, usable
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet.deploy import Options, resume_deployment, run_deployment
+from jouleswarm.report.view import View
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.directory import MANIFEST, computed_on
 from jouleswarm.runs.run import load_run
@@ -46,7 +47,7 @@ def run_chaos(
 ) -> list[Fault]:
     """Inject `faults` faults into as many runs as it takes; what was done, and whether it changed anything."""
     rng = random.Random(seed)
-    run_deployment(scenario, "undisturbed", out, console, Options(restarts=0))
+    run_deployment(scenario, "undisturbed", out, console, Options(restarts=0, view=View))
     expected = outcome(out / "undisturbed")
     rows_in = Counter(PHASE_OF[row["phase"]] for row in expected[0])
     left = plan_faults(faults, kinds, bool(scenario.meta_methods))
@@ -79,7 +80,7 @@ def _disk_for(chaos: Chaos) -> contextlib.AbstractContextManager[RamDisk | None]
 
 def _run_disturbed(chaos: Chaos, console: Console) -> None:
     """One run from its beginning to its end, gone on with as often as a fault ends it."""
-    options = Options(restarts=_RESTARTS, intruder=chaos)
+    options = Options(restarts=_RESTARTS, intruder=chaos, view=View)
     resume = partial(resume_deployment, chaos.path, console, options)
     go_on = partial(run_deployment, chaos.scenario, chaos.run, chaos.path.parent, console, options)
     while True:

@@ -38,7 +38,7 @@ def chaos(
     from jouleswarm.chaos.chaos import CSV, run_chaos, wrapping
     from jouleswarm.chaos.faults import KINDS, FaultKind
     from jouleswarm.chaos.table import chaos_table
-    from jouleswarm.common.scenario.scenario import load_scenario, scenario_path
+    from jouleswarm.common.scenario.reading import load_scenario, scenario_path
 
     unknown = [each for each in kind or () if each not in KINDS]
     if unknown:

@@ -46,7 +46,7 @@ def init(
       python -m jouleswarm.broker --host 0.0.0.0 --keys keys
       python -m jouleswarm.agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario quick
     """
-    from jouleswarm.common.scenario.scenario import load_scenario
+    from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.keys import make_keys, refresh_keys
 
     settings, names = load_scenario(scenario, set_ or ()), [host.strip() for host in hosts.split(",")]

@@ -52,10 +52,11 @@ def run(
 
     Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with.
     """
-    from jouleswarm.common.scenario.scenario import load_scenario
+    from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
+    from jouleswarm.report.view import View
 
-    started = Options(broker, keys, restarts, durable, other_processor)
+    started = Options(broker, keys, restarts, durable, other_processor, view=View)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:
@@ -86,9 +87,10 @@ def record(
     Start it before the robots: what they report before it listens is lost. The run's name on the bus is
     --run-id (default: the scenario's name), as with the processes' --run.
     """
-    from jouleswarm.common.scenario.scenario import load_scenario
-    from jouleswarm.fleet.deploy import record_deployment
+    from jouleswarm.common.scenario.reading import load_scenario
+    from jouleswarm.fleet.recording import record_deployment
+    from jouleswarm.report.view import View
 
     settings = load_scenario(scenario, overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
     _present(path, figures)

@@ -9,12 +9,8 @@ from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence
+from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
-
-
-def client_of(agent: int) -> str:
-    """Plain name of a process; robot 0 is the data center."""
-    return f"agent-{agent}" if agent else "datacenter"
 
 
 def check_presence(presence: Presence, topic: str, scenario: Scenario, run: str) -> None:

@@ -11,7 +11,7 @@ from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.state import STATE_FILE
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import KEYS
-from jouleswarm.fleet.admission import client_of
+from jouleswarm.common.wire.names import client_of
 from jouleswarm.runs.directory import MANIFEST, ROUNDS, STATE
 
 

@@ -6,7 +6,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from jouleswarm.energy.paper import TABLE_II
 from jouleswarm.report.audit_rows import (
     EFFICIENT_SIDELINK,
     EFFICIENT_UPLINK,
@@ -15,6 +14,7 @@ from jouleswarm.report.audit_rows import (
     implied_bill,
     literal_bill,
 )
+from jouleswarm.runs.paper import TABLE_II
 
 __all__ = ["AuditRow", "audit_rows", "print_audit"]
 

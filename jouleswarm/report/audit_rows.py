@@ -23,7 +23,7 @@ from jouleswarm.energy.equations import (
     published_bill,
     robot_gradient_j,
 )
-from jouleswarm.energy.paper import HEADLINE, TABLE_II, TRAINING_ROBOTS, TRAINING_TASKS
+from jouleswarm.runs.paper import HEADLINE, TABLE_II, TRAINING_ROBOTS, TRAINING_TASKS
 
 EFFICIENT_SIDELINK = Energy()  # Table I, (E_UL, E_SL) = (200, 500) kb/J
 EFFICIENT_UPLINK = Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3)

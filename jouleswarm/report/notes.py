@@ -7,11 +7,11 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.carbon import has_carbon
 from jouleswarm.energy.equations import downlink_bit_per_j
-from jouleswarm.energy.paper import CLUSTER_ROBOTS, PAPER_METHODS, TRAINING_ROBOTS, published_here
 from jouleswarm.report.arms import METHOD_LABELS, label, labels
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.directory import computed_on
+from jouleswarm.runs.paper import CLUSTER_ROBOTS, PAPER_METHODS, TRAINING_ROBOTS, published_here
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import metered_by
 

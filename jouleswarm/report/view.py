@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
+from rich import live
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -14,19 +16,38 @@ from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.equations import downlink_bit_per_j, transfer_j
-from jouleswarm.fleet.recorder import Recorder
 from jouleswarm.report.arms import METHOD_LABELS, label
 
 _LINE_EVERY_S = 10.0
 _WAITS_SHOWN = 3
 
 
+class Live(Protocol):
+    """What is known of a run while it goes on; the recorder knows."""
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since the run began, seconds."""
+
+    @property
+    def newest(self) -> Mapping[tuple[str, int, int], RoundRow]:
+        """(arm, task, agent) -> its newest row."""
+
+    @property
+    def received_bytes(self) -> Mapping[str, int]:
+        """Link class -> payload bytes that have been received."""
+
+    @property
+    def waits(self) -> Sequence[str]:
+        """What lasts, the longest first, a line each."""
+
+
 class View:
     """Context manager; call `update` now and then. On a pipe it prints a line every few seconds instead."""
 
-    def __init__(self, console: Console, scenario: Scenario, recorder: Recorder) -> None:
+    def __init__(self, console: Console, scenario: Scenario, recorder: Live) -> None:
         self._console, self._scenario, self._recorder = console, scenario, recorder
-        self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
+        self._live = live.Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
         self._line_at = time.monotonic()
 
     def __enter__(self) -> View:

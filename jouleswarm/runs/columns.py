@@ -9,9 +9,9 @@ from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill, PublishedBill
 from jouleswarm.energy.equations import TABLE_I, RoundSizes, bill, downlink_bit_per_j, transfer_j
-from jouleswarm.energy.paper import is_papers_scenario, printed_total, published_here
 from jouleswarm.runs.beta import with_beta
 from jouleswarm.runs.facts import arm_counts
+from jouleswarm.runs.paper import is_papers_scenario, printed_total, published_here
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.sizes import expected_counts, scenario_sizes
 from jouleswarm.runs.traffic import DATA_CENTER, RECORDER, Measure, deliveries

@@ -6,6 +6,7 @@
 ``work.jsonl``      gradients and motions that each process has done, kept or not
 ``progress.jsonl``  payload bytes received so far by link class, over time
 ``summary.json``    rounds, rewards, joules and bytes of each arm
+``doors/``          the user's own environments, methods, ... as they were
 ``weights/``        learned weights and meta-models as safetensors
 """
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
+from jouleswarm.common.scenario.reading import DOORS
 from jouleswarm.common.wire.rows import RoundRow
 
 __all__ = ["MANIFEST", "METER", "PROGRESS", "ROUNDS", "STATE", "SUMMARY", "WORK", "RunDirectory"]
@@ -86,6 +88,14 @@ class RunDirectory:
         whole_lines(self.path / PROGRESS)
         for name in (METER, WORK, SUMMARY):  # of a run that was interrupted
             (self.path / name).unlink(missing_ok=True)
+
+    def doors(self, files: Mapping[str, Path]) -> None:
+        """Keep the user's files that came in by doors, by module: going on and reporting need nothing else."""
+        for module, path in files.items():
+            kept = self.path / DOORS / f"{module}.py"
+            if not kept.exists():
+                kept.parent.mkdir(exist_ok=True)
+                write_whole(kept, path.read_bytes())
 
     def manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""

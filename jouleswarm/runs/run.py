@@ -15,7 +15,8 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.documents import parse_json
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import DOORS, scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
@@ -206,9 +207,12 @@ def _other_schema(schema: object) -> str:
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
-        return scenario_from(manifest["scenario"], str(file))
+        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS)
     except ConfigurationError as error:
         raise RunError(f"{file}: damaged: {error}") from error
+    if scenario.digests != manifest.get("doors", {}):
+        raise RunError(f"{file.parent / DOORS}: not as it was written; run the scenario again")
+    return scenario
 
 
 def _json(file: Path) -> dict[str, Any]:

@@ -17,11 +17,11 @@ from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill, Cost, PublishedBill, StageCounts
 from jouleswarm.energy.carbon import carbon, has_carbon
 from jouleswarm.energy.equations import bill
-from jouleswarm.energy.paper import published_here
 from jouleswarm.runs.beta import with_beta
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.facts import arm_counts, meta_rounds, task_results
 from jouleswarm.runs.lost_work import lost_motions, lost_work
+from jouleswarm.runs.paper import published_here
 from jouleswarm.runs.traffic import metered_by, traffic
 
 SCHEMA = 2

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.equations import Counts, price
-from jouleswarm.energy.paper import published_of
+from jouleswarm.runs.paper import published_of
 from jouleswarm.studies.facts import META_STAGE, Fact
 from jouleswarm.studies.prices import PriceList
 

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.process import one_line_errors
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.deploy import run_deployment
 from jouleswarm.runs.run import load_run
 from jouleswarm.studies.collect import facts_of

@@ -13,7 +13,8 @@ from pathlib import Path
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.documents import parse_toml
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario, scenario_path
+from jouleswarm.common.scenario.reading import load_scenario, scenario_path
+from jouleswarm.common.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,13 @@ class Job:
     seed: int
     scenario: str
     overrides: tuple[str, ...]
+    files: tuple[tuple[str, str], ...] = ()
+    """(module, text) of the user's files that come in by doors."""
 
     @property
     def name(self) -> str:
         """Name of the job's files. Other settings make another name, so facts are never taken for others'."""
-        said = [parse_toml(self.scenario), list(self.overrides), self.variant]
+        said = [parse_toml(self.scenario), list(self.overrides), self.variant, *self.files]
         digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:8]
         label = re.sub(r"[^A-Za-z0-9]+", "-", self.variant).strip("-") or "base"
         return f"{label}-s{self.seed:03d}-{digest}"
@@ -61,6 +64,8 @@ class Job:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "scenario.toml"
         path.write_text(self.scenario, encoding="utf-8")
+        for module, text in self.files:
+            (folder / f"{module}.py").write_text(text, encoding="utf-8")
         return path
 
 
@@ -106,9 +111,10 @@ class Request:
         The study's `settings` come first, then the user's changes, then the variant's own: what a study varies
         differs between its variants whatever the user has set.
         """
-        text = self.text
+        text, named = self.text, self.scenario(settings).files
+        files = tuple((module, path.read_text(encoding="utf-8")) for module, path in sorted(named.items()))
         return [
-            Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides))
+            Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides), files)
             for variant in variants
             for seed in (self.seeds if seeds is None else seeds)
         ]

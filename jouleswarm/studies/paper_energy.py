@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.paper import PrintedTotal, printed_total
+from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
 from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum
 
-from jouleswarm.energy.paper import TABLE_II
+from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import MEASURES, Measure, arms_by_t0, failures_of, rounds_estimate, tasks_of
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread

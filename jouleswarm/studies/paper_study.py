@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.paper import TABLE_II
+from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import PLAIN
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.jobs import Request, Variant, methods_setting

@@ -6,7 +6,7 @@ from functools import partial
 
 from jouleswarm.common.scenario.arms import METHODS
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.paper import TRAINING_TASKS
+from jouleswarm.runs.paper import TRAINING_TASKS
 from jouleswarm.studies.jobs import Request, Variant, methods_setting
 from jouleswarm.studies.kinds import Kind, Plan
 from jouleswarm.studies.sweeps import Point, methods_outputs, sweep, sweep_outputs

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.bill import Cost
 from jouleswarm.energy.equations import Counts, price
-from jouleswarm.energy.paper import CLUSTER_ROBOTS, published_of
+from jouleswarm.runs.paper import CLUSTER_ROBOTS, published_of
 from jouleswarm.studies.facts import META_STAGE, Fact
 
 PriceList = Literal["literal", "published"]

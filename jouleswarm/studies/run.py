@@ -10,7 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
-from jouleswarm.common.scenario.scenario import Scenario, with_overrides
+from jouleswarm.common.scenario.reading import with_overrides
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.engine import FACTS, collected, run_jobs
 from jouleswarm.studies.facts import processors_note, read_facts, write_facts

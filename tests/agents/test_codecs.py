@@ -17,7 +17,8 @@ from jouleswarm.codecs.codec import FLOAT32, CodecName, Weights, WeightsCodec
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Bus, Federation
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json

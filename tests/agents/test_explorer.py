@@ -13,7 +13,8 @@ import pytest
 
 from jouleswarm.agents.explorer import Explorer
 from jouleswarm.common.disk.state import StateFile
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader, decode_motion
 from jouleswarm.learning.learner import Learner
 

@@ -13,7 +13,8 @@ from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.disk.state import Keep, State
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 
 ARMS = ("maml", "fl", "fedavg")
 START = {"w": np.arange(3, dtype=np.float32)}

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from jouleswarm.agents.neighbourhood import Neighbourhood, neighbourhood_of
 from jouleswarm.common.scenario.arms import Method
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.methods.ledger import RewardLedger
 
 MAP = ". E . \n . * . \n . * . \n . X ."

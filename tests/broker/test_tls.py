@@ -15,7 +15,7 @@ from jouleswarm.common.bus.credentials import Credentials, credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.bus.tls import RECORD_BYTES, records
 from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError, JouleSwarmError
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.fleet.keys import make_keys
 

@@ -12,7 +12,7 @@ import pytest
 
 from jouleswarm.chaos.chaos import outcome, wrapping
 from jouleswarm.chaos.intruder import Chaos
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire.rows import RoundRow
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"

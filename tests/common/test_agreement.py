@@ -11,7 +11,8 @@ from jouleswarm.common.bus.agreement import Agreement, Proclamation, differences
 from jouleswarm.common.bus.bus import MemoryHub, Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import decode_json
 

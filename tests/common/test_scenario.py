@@ -11,7 +11,8 @@ from pydantic import BaseModel
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.fitting import parameter_count
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario, scenario_from
+from jouleswarm.common.scenario.reading import load_scenario, scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 MAP = "E*\n.X"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 
 OWN = """
 name = "mine"

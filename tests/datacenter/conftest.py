@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.datacenter.experience import Motion
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jouleswarm.codecs.frames import resize
-from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.sections import Camera as CameraSettings
 from jouleswarm.common.scenario.sections import World
 from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles

@@ -12,7 +12,8 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.environment import LandmarksEnv
 
 FORWARD, BACKWARD, LEFT, RIGHT = range(4)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import World
 from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
 from jouleswarm.environments.landmarks.tasks import (

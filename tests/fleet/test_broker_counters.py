@@ -16,7 +16,8 @@ from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.reporter import MeterReport
 from jouleswarm.common.errors import BrokerUnreachableError, RunError
 from jouleswarm.common.meter.meter import Meter, MeterRow
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.broker_counters import BrokerLimits, CountersPiece, CountersRequest
 from jouleswarm.common.wire.messages import encode_json

@@ -13,7 +13,7 @@ from argon2 import PasswordHasher, Type, extract_parameters
 from cryptography import x509
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.keys import make_keys, refresh_keys
 
 ROOT = Path(__file__).parents[2]

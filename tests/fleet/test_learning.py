@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.errors import RunError
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.learning import check_learning
 

@@ -10,7 +10,8 @@ from jouleswarm.common.bus.address import BrokerAddress
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
 from jouleswarm.common.bus.size_limit import SizeLimit
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet import preflight
 from jouleswarm.fleet.preflight import check_largest_message, largest_message
 

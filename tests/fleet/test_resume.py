@@ -13,11 +13,13 @@ from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.disk.state import State, StateFile
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.counters import Counters
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet import deploy as module
-from jouleswarm.fleet.deploy import manifest, resume_deployment, run_deployment
+from jouleswarm.fleet.deploy import resume_deployment, run_deployment
 from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.manifest import manifest
 
 
 @pytest.fixture(autouse=True)

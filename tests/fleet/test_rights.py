@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.fleet.rights import clients_of, rights_file, rights_of
 

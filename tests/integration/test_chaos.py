@@ -16,7 +16,7 @@ from rich.console import Console
 from jouleswarm.chaos.chaos import outcome
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, decode_json
 from jouleswarm.fleet.deploy import Options, run_deployment

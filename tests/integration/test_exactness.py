@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.simulation import run_in_memory
 from tests.integration.conftest import on_the_wire
 

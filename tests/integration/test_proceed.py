@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from jouleswarm.common.scenario.scenario import load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.deploy import Options, run_deployment
 from jouleswarm.fleet.launcher import Launcher

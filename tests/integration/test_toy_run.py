@@ -10,7 +10,7 @@ import pytest
 import safetensors
 
 from jouleswarm.common.meter.meter import MeterRow
-from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of

@@ -7,7 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from jouleswarm.common.scenario.arms import METHODS
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS, colours, labels
 
 

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.reporter import Telemetry
-from jouleswarm.common.scenario.scenario import Scenario, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import encode_json
 from jouleswarm.common.wire.rows import RoundRow

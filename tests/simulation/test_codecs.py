@@ -9,7 +9,8 @@ import safetensors.numpy
 from jouleswarm.codecs.codec import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.meter.meter import MeterRow
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_motion
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes

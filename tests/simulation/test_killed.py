@@ -16,7 +16,8 @@ from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Teleme
 from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, decode_json, encode_json
 from jouleswarm.datacenter.center import run_datacenter

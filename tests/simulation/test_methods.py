@@ -9,7 +9,8 @@ import pytest
 import jouleswarm.simulation
 from jouleswarm.common.bus.bus import MemoryHub, Message
 from jouleswarm.common.scenario.arms import META_METHODS, METHODS
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.runs.traffic import traffic
 from jouleswarm.simulation import Outcome, run_in_memory

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.studies.engine import FACTS
 from jouleswarm.studies.facts import write_facts
 from jouleswarm.studies.record import Record, write_record

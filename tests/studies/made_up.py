@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.energy.paper import TABLE_II
+from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.facts import Fact
 
 SEEDS = (1, 2, 3)

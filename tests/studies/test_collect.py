@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.meter.meter import Meter, MeterRow
-from jouleswarm.common.scenario.scenario import scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.runs.run import Run

@@ -118,5 +118,5 @@ def test_seeds_that_cannot_be_are_refused(count: int, first: int) -> None:
 
 
 def test_a_scenario_that_is_not_there_is_told() -> None:
-    with pytest.raises(ConfigurationError, match="name a file with --scenario"):
+    with pytest.raises(ConfigurationError, match="name one with --scenario"):
         kind_of("paper").plan(request(Path("nowhere.toml")))

@@ -13,7 +13,8 @@ from gymnasium.error import InvalidAction, ResetNeeded
 
 from jouleswarm.common.disk.state import generator_state, load_generator
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.scenario import Scenario, load_scenario
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
 from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.tasks import ACTIONS, move, start_cells, task_table

@@ -1,0 +1,125 @@
+"""From a scenario file and its overrides to a `Scenario`, or one line that says what is wrong with them."""
+
+from __future__ import annotations
+
+import json
+import reprlib
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.documents import parse_json, parse_toml
+from jouleswarm.common.scenario.fitting import misfits
+from jouleswarm.common.scenario.scenario import Scenario
+
+DOORS = "doors"
+"""Folder of a run directory with the user's files that came in by doors."""
+SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
+
+
+def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Read a scenario file and apply `section.key=value` overrides (values are TOML, or plain text).
+
+    A plain name is one that comes with the package: `quick`. A run's manifest.json is a scenario file too: the run's
+    own, resolved.
+
+    Raises:
+        ConfigurationError: one line saying what is wrong, where, and what was expected.
+    """
+    path = scenario_path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
+    except OSError as error:
+        raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
+    except (KeyError, TypeError) as error:
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
+    except ValueError as error:
+        expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
+        raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
+    for override in overrides:
+        _apply(data, override)
+    return scenario_from(data, str(path), path.parent / DOORS if path.suffix == ".json" else path.parent)
+
+
+def scenario_path(path: str | Path) -> Path:
+    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package.
+
+    Raises:
+        ConfigurationError: neither a file nor such a name.
+    """
+    path = Path(path)
+    if path.suffix or len(path.parts) != 1 or path.is_file():
+        return path
+    if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
+        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
+    return SCENARIOS / f"{path.name}.toml"
+
+
+def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> Scenario:
+    """A scenario with `section.key=value` overrides; `where` names its origin in errors.
+
+    Raises:
+        ConfigurationError: as `load_scenario`.
+    """
+    data = scenario.model_dump(mode="json")
+    for override in overrides:
+        _apply(data, override)
+    return scenario_from(data, where, scenario.folder)
+
+
+def scenario_from(data: dict[str, Any], where: str, folder: Path | None = None) -> Scenario:
+    """Validate a scenario given as plain data; `where` names its origin in errors, `folder` holds files it names.
+
+    Raises:
+        ConfigurationError: one line saying what is wrong, where, and what was expected.
+    """
+    try:
+        scenario = Scenario.model_validate(data, context={"folder": folder})
+    except ValidationError as error:
+        raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
+    if misfit := next(misfits(scenario), None):
+        raise ConfigurationError(f"scenario {where}: {misfit}")
+    return scenario
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    shown = repr(override) if len(override) <= 80 else repr(override[:77]) + "..."
+    if not equals or not key:
+        raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
+    *sections, last = key.strip().split(".")
+    for section in sections:
+        data = data.setdefault(section, {})
+        if not isinstance(data, dict):
+            raise ConfigurationError(f"override {shown}: {section!r} is not a section")
+    try:
+        data[last] = parse_toml(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        data[last] = text
+    except ValueError as error:
+        raise ConfigurationError(f"override {shown}: {error}") from error
+
+
+def _one_line(error: ValidationError) -> str:
+    parts = []
+    for item in error.errors(include_url=False):
+        where = ".".join(str(level) for level in item["loc"])
+        got = "" if item["type"] in ("value_error", "missing", "extra_forbidden") else f", got {_short(item['input'])}"
+        parts.append(f"{where}: {item['msg'].removeprefix('Value error, ')}{got}".removeprefix(": "))
+    return "; ".join(parts)
+
+
+def _short(value: object) -> str:
+    try:
+        text = json.dumps(value, default=str)
+    except RecursionError:
+        text = reprlib.repr(value)
+    return text if len(text) < 60 else text[:57] + "..."
