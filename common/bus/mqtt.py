@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 from jouleswarm.common.bus.address import BrokerAddress, parse_url
-from jouleswarm.common.bus.bus import Message, Payload, matches
+from jouleswarm.common.bus.bus import Message, matches
 from jouleswarm.common.bus.credentials import Credentials
 from jouleswarm.common.bus.inbox import Inbox
 from jouleswarm.common.bus.paho_client import FastClient, name_of, wire_id
@@ -20,6 +20,7 @@ from jouleswarm.common.bus.tls import TlsSocket
 from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.types import Payload
 
 __all__ = ["BrokerAddress", "MqttBus", "name_of", "parse_url", "wire_id"]
 
