@@ -41,7 +41,9 @@ def missing_modules(text: str) -> list[str]:
 def wrong_commands(text: str) -> list[str]:
     """Command lines in code that name a command or an option of `jouleswarm` that there is not."""
     wrong = []
-    for line in re.findall(r"^jouleswarm ((?:.*\\\n)*.*)$", "\n".join(re.findall(r"```sh\n(.*?)```", text, re.S)), re.M):
+    for line in re.findall(
+        r"^jouleswarm ((?:.*\\\n)*.*)$", "\n".join(re.findall(r"```sh\n(.*?)```", text, re.S)), re.M
+    ):
         words = line.replace("\\\n", " ").split("#")[0].split()
         command: Command | None = typer.main.get_command(app)
         while isinstance(command, Group) and words:
@@ -80,5 +82,10 @@ def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
     told = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert (told["version"], told["license"]) == (project["version"], project["license"])
-    assert [each["family-names"] for each in told["references"][0]["authors"]] == ["Savazzi", "Rampa", "Kianoush", "Bennis"]
+    assert [each["family-names"] for each in told["references"][0]["authors"]] == [
+        "Savazzi",
+        "Rampa",
+        "Kianoush",
+        "Bennis",
+    ]
     assert f"## {project['version']} " in (ROOT / "CHANGELOG.md").read_text()
