@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from jouleswarm.agents.peers import Arrived, Exchange
 from jouleswarm.agents.served import ServerLink
-from jouleswarm.codecs.codec import Weights
+from jouleswarm.codecs.codec import share_of
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.methods.contract import read_only, unfit
 from jouleswarm.methods.method import DATACENTER, Method, Update
 from jouleswarm.methods.mixing import default_step
@@ -20,8 +21,7 @@ class Partners:
     def __init__(self, exchange: Exchange, method: Method, settings: Federation) -> None:
         self._exchange, self._method = exchange, method
         self._link = ServerLink(exchange) if method.partners == "datacenter" else None
-        share = settings.topk_share if settings.codec == "topk" else 1.0
-        self._step = settings.step or default_step(len(exchange.here.neighbours), share)
+        self._step = settings.step or default_step(len(exchange.here.neighbours), share_of(exchange.codec))
         self._told: Weights = {}
         self._updates: dict[int, Update] = {}
 
@@ -51,7 +51,7 @@ class Partners:
         if not self._updates:
             return weights
         own, step = read_only(weights), self._step
-        if self._exchange.codec.is_lossless:
+        if self._exchange.codec.lossless:
             mixed = self._method.mix(own, self._updates, step)
         else:
             mixed = self._method.mix_lossy(own, read_only(self._told), self._updates, step)

@@ -16,6 +16,7 @@ from jouleswarm.agents.memory import Memory
 from jouleswarm.agents.meta_stage import MetaLink
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.agents.ways import Here, way_of
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.common.bus.bus import Bus
 from jouleswarm.common.disk.state import NOTHING, Keep, Stateful
 from jouleswarm.common.scenario.arms import Arm, method_of
@@ -24,14 +25,14 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
-from jouleswarm.learning.learner import Weights
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
 from jouleswarm.learning.start import start_weights
-from jouleswarm.methods.contract import try_penalty
 from jouleswarm.methods.graph import neighbourhood_of
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import Method
+from jouleswarm.methods.trial import try_penalty
 
 log = logging.getLogger("jouleswarm.agent")
 
@@ -102,7 +103,9 @@ class Robot:
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
         network = build_qnetwork(scenario.network)
         shapes, head = shapes_of(network), head_of(network)
-        self.exchange = Exchange(bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows)
+        self.exchange = Exchange(
+            bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows, codec_of(scenario)
+        )
         heads = {name: scenario.method(name).heads(scenario) for name in scenario.meta_methods}
         self.meta = MetaLink(self.exchange, lambda arm: meta_shapes(shapes, head, heads[method_of(arm)]))
         for name in scenario.method_names:

@@ -10,13 +10,13 @@ from jouleswarm.agents.explorer import Explorer
 from jouleswarm.agents.partners import Partners
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.agents.served import ServerLink
-from jouleswarm.codecs.codec import Weights
 from jouleswarm.common.disk.state import Stateful
 from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import stream
 from jouleswarm.common.wire.messages import Episode, ModelHeader
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.learner import Learner, Policy
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import Method

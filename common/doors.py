@@ -14,7 +14,7 @@ import importlib.metadata
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -41,13 +41,25 @@ SHIPPED: dict[Kind, dict[str, str]] = {
         "anil": "jouleswarm.methods.anil:Anil",
         "multitask": "jouleswarm.methods.multitask:Multitask",
     },
-    "codecs": {},
+    "codecs": {
+        "float32": "jouleswarm.codecs.floats:Float32",
+        "float16": "jouleswarm.codecs.floats:Float16",
+        "int8": "jouleswarm.codecs.int8:Int8",
+        "topk": "jouleswarm.codecs.topk:TopK",
+    },
     "prices": {},
 }
 
 CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
-"""`module:function` that is given what a door has opened and its name, and raises a `ConfigurationError` in one line
-where that is not what the door is for."""
+"""Who looks at what a door has opened before anything is asked of it: `module:function` of the room that knows the
+contract. It takes what was found and its name in words, and raises ConfigurationError."""
+
+TRIALS: dict[Kind, str] = {
+    "codecs": "jouleswarm.codecs.trial:try_codec",
+    "methods": "jouleswarm.methods.trial:try_methods",
+}
+"""Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
+It takes the scenario, and raises ConfigurationError."""
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -62,9 +74,8 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
     Raises:
         ConfigurationError: nothing goes by that name, or its module cannot be imported: one line that says why.
     """
-    known = words(kind)
-    target = name if ":" in name else known.get(name)
-    if target is None:
+    target = name if ":" in name else SHIPPED[kind].get(name)  # what is announced takes a while to be found
+    if target is None and (target := (known := words(kind)).get(name)) is None:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ConfigurationError(f"{_one(kind)} {name!r}: expected {_choice(known)} or module:name{hint}")
@@ -83,15 +94,22 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
 
 
 def enter(kind: Kind, name: str, folder: Path | None) -> Any:
-    """What `open_door` finds, once it has been seen to be what the door is for.
+    """What `open_door` finds, once it has been seen to be what the door is for (see `CONTRACTS`).
 
     Raises:
-        ConfigurationError: there is nothing of that name, or it does not keep the door's contract.
+        ConfigurationError: there is nothing of that name, or it is none.
     """
     found = open_door(kind, name, folder)
-    if contract := CONTRACTS.get(kind):
-        module, _, function = contract.partition(":")
+    module, _, function = CONTRACTS.get(kind, "").partition(":")
+    if module:
         getattr(importlib.import_module(module), function)(found, f"{_one(kind)} {name!r}")
+    return found
+
+
+def trial_of(kind: Kind) -> Callable[[Any], None] | None:
+    """Who tries what comes in by a door, if anybody does (see `TRIALS`)."""
+    module, _, function = TRIALS.get(kind, "").partition(":")
+    found: Callable[[Any], None] | None = getattr(importlib.import_module(module), function) if module else None
     return found
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from jouleswarm.codecs.codec import Weights
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.bus.agreement import Agreement
 from jouleswarm.common.bus.bus import Bus, Message
@@ -27,6 +27,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, Presence, decode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
@@ -123,7 +124,7 @@ class DataCenter:
                 self.reporter.deliver(topics.snapshot(self.run, method, round_), saved)
                 if round_ in arms:
                     # Robots have nothing yet that it could build on: an encoder of its own for each.
-                    models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
+                    models[round_] = WeightsEncoder(codec_of(scenario)).payload(weights, header)
                     checkpoint.keep_model(round_, models[round_])
             self._report(method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
             checkpoint.save(round_, training.state())

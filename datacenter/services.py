@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.codecs.codec import Shapes, Tensors, Weights
+from jouleswarm.codecs.codec import codec_of
+from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError, TrainingError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import stream
-from jouleswarm.common.wire.messages import ModelHeader, read_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.types import Payload, Shapes, Tensors, Weights
 from jouleswarm.datacenter.cluster_rounds import Service, Turn
 from jouleswarm.datacenter.experience import Motion, Walks, read_motion
 from jouleswarm.learning.learner import Learner
@@ -50,7 +51,7 @@ class WeightsService:
     def __init__(self, scenario: Scenario, arm: Arm) -> None:
         self._clusters, self._scenario = scenario.clusters, scenario
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
-        self._codec = scenario.federation.weights_codec
+        self._codec = codec_of(scenario)
         window = scenario.federation.reward_window
         self._methods: dict[int, Method] = {task: scenario.method(arm.method) for task in scenario.clusters}
         self._ledgers = {task: RewardLedger(cluster, 1, window) for task, cluster in scenario.clusters.items()}
@@ -122,7 +123,7 @@ class WeightsService:
         if untold := self._untold.get(task):
             model = {name: tensor + untold[name] for name, tensor in model.items()}
         payload = encoder.payload(model, header, len(robots))
-        if not self._codec.is_lossless:
+        if not self._codec.lossless:
             self._untold[task] = {name: tensor - encoder.public[name] for name, tensor in model.items()}
         for agent in robots:
             self._decoders[agent].rebase(encoder.public)
@@ -140,7 +141,7 @@ class ExperienceService:
         self._methods: dict[int, Method] = {task: scenario.method(arm.method) for task in scenario.clusters}
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._walks = {task: Walks(learner.replay, scenario.motions) for task, learner in self._learners.items()}
-        self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
+        self._encoders = {task: WeightsEncoder(codec_of(scenario)) for task in scenario.clusters}
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
 
     def messages(self, agent: int) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from jouleswarm.common.doors import DOORS
+from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
@@ -49,12 +49,16 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
 
 def scenario_path(path: str | Path) -> Path:
-    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package."""
+    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package.
+
+    Raises:
+        ConfigurationError: neither a file nor such a name.
+    """
     path = Path(path)
-    if path.suffix or len(path.parts) != 1 or path.exists():
+    if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
-        raise ConfigurationError(f"scenario {path}: expected a file, or one of {', '.join(known)}")
+        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
     return SCENARIOS / f"{path.name}.toml"
 
 
@@ -82,6 +86,12 @@ def scenario_from(data: dict[str, Any], where: str, folder: Path | None = None) 
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
     if misfit := next(misfits(scenario), None):
         raise ConfigurationError(f"scenario {where}: {misfit}")
+    try:
+        for kind in dict(scenario.named):
+            if trial := trial_of(kind):
+                trial(scenario)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"scenario {where}: {error}") from error
     return scenario
 
 

@@ -139,10 +139,10 @@ class Scenario(Section):
 
     def _check_on_missing(self) -> None:
         served = [kind.name for kind in self._kinds if kind.partners == "datacenter"]
-        if self.federation.on_missing == "proceed" and (served or self.federation.codec == "topk"):
+        if self.federation.on_missing == "proceed" and served:
             raise ValueError(
-                f'federation.on_missing = "proceed" with {", ".join(served) or "codec topk"}: expected methods over '
-                "sidelinks and a codec whose messages are whole, for who comes back has missed some"
+                f'federation.on_missing = "proceed" with {", ".join(served)}: expected methods over sidelinks, for who '
+                "comes back has missed some"
             )
 
     @property
@@ -153,7 +153,7 @@ class Scenario(Section):
     @property
     def named(self) -> tuple[tuple[Kind, str], ...]:
         """What comes in by doors."""
-        return tuple(("methods", name) for name in self.methods)
+        return (*(("methods", name) for name in self.methods), ("codecs", self.federation.codec))
 
     @property
     def files(self) -> dict[str, Path]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from jouleswarm.codecs.codec import Weights
 from jouleswarm.common.errors import ConfigurationError, PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import integer
 from jouleswarm.common.wire.saved_models import read_saved_model
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import start_of
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jouleswarm.codecs.codec import Weights
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.methods.method import ClusterRound, Method
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jouleswarm.codecs.codec import Weights
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.methods.method import Method, Update
 from jouleswarm.methods.mixing import mix, mixing_weights
 

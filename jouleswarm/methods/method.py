@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from jouleswarm.codecs.codec import Weights
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.meter.work import TallyOf
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.energy.bill import Counts, StageCounts
 from jouleswarm.energy.equations import ClusterRounds, RoundSizes, closed_form
 from jouleswarm.methods.mixing import mix, mixing_weights, weighted_average

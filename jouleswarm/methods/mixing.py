@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jouleswarm.codecs.codec import Array, Weights
+from jouleswarm.common.wire.types import Array, Weights
 
 
 def mixing_weights(samples: Mapping[int, int]) -> dict[int, float]:

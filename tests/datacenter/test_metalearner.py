@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from jouleswarm.common.disk.state import Array
 from jouleswarm.common.errors import RunError, TrainingError
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import Array
 from jouleswarm.datacenter.center import Training
 from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
 from jouleswarm.datacenter.experience import Motion, TrainingExperience

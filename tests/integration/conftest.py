@@ -22,7 +22,8 @@ import pytest
 import safetensors.numpy
 
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.methods.shipped import all_shipped
 
