@@ -44,7 +44,7 @@ class Scenario(Section):
     seed: int = Field(1, ge=0, le=2**63 - 1)
     methods: tuple[str, ...] = ("maml", "fl")
     tasks: tuple[Task, ...] = Field(min_length=1, max_length=1000)
-    robots: tuple[Robot, ...] = Field((), max_length=1000)
+    robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
     world: World = World()
     camera: Camera = Camera()
     network: Network = Network()
