@@ -16,6 +16,9 @@ from jouleswarm.common.wire.models import MAX_WEIGHT, check_floats, largest_weig
 from jouleswarm.common.wire.tensorfile import layout_of
 from jouleswarm.common.wire.types import Layout, Payload, Shapes, Tensors, Weights
 
+MAX_DECODED = 2 * MAX_WEIGHT
+"""The largest |w| that may come out of a codec: what is lost in encoding may carry past what is sent."""
+
 
 def encoded(codec: Codec, weights: Weights, base: Weights | None) -> Tensors:
     """`weights` for the wire, in the order of the codec's layout.
@@ -104,16 +107,12 @@ def _checked(codec: Codec, weights: Any, shapes: Shapes) -> Weights:
         got = list(weights) if isinstance(weights, dict) else type(weights).__name__
         raise PayloadError(f"codec {codec.name}: decode gives {got}, expected {list(shapes)}")
     for name, shape in shapes.items():
-        tensor = np.asarray(weights[name])
+        tensor, told = np.asarray(weights[name]), f"codec {codec.name}: decode gives {name}"
         if tensor.dtype != np.float32 or tensor.shape != shape:
-            raise PayloadError(
-                f"codec {codec.name}: decode gives {name} as {tensor.dtype} {tensor.shape}, expected float32 {shape}"
-            )
-        # One with a check of its own vouches for what passed it. What is lost in encoding may carry past the limit.
-        if not hasattr(codec, "check") and not (largest := largest_weight(tensor)) <= 2 * MAX_WEIGHT:
-            raise PayloadError(
-                f"codec {codec.name}: decode gives {name} a weight of size {largest:g}, expected {MAX_WEIGHT:g} at most"
-            )
+            raise PayloadError(f"{told} as {tensor.dtype} {tensor.shape}, expected float32 {shape}")
+        # One with a check of its own vouches for what passed it.
+        if not hasattr(codec, "check") and not (largest := largest_weight(tensor)) <= MAX_DECODED:
+            raise PayloadError(f"{told} a weight of size {largest:g}, expected at most {MAX_DECODED:g}")
     return {name: np.asarray(weights[name]) for name in shapes}
 
 
