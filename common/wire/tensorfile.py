@@ -113,7 +113,7 @@ def decode_floats(payload: Payload, kind: type[HeaderT], what: str) -> tuple[dic
 
 def layout_of(tensors: Mapping[str, Array]) -> Layout:
     """How tensors lie on the wire; a dtype that does not go there has numpy's name."""
-    return {name: (_CODES.get(tensor.dtype, str(tensor.dtype)), tensor.shape) for name, tensor in tensors.items()}
+    return {name: (_CODES.get(tensor.dtype) or str(tensor.dtype), tensor.shape) for name, tensor in tensors.items()}
 
 
 def layout_bytes(layout: Layout) -> int:
