@@ -1,6 +1,6 @@
 """A whole run in one process over the in-memory bus: same loops, same results, no broker.
 
-python -m jouleswarm.simulation scenarios/quick.toml --set seed=2
+python -m jouleswarm.simulation quick --set seed=2
 """
 
 from __future__ import annotations

@@ -51,12 +51,16 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
 
 def scenario_path(path: str | Path) -> Path:
-    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package."""
+    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package.
+
+    Raises:
+        ConfigurationError: neither a file nor such a name.
+    """
     path = Path(path)
-    if path.suffix or len(path.parts) != 1 or path.exists():
+    if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
-        raise ConfigurationError(f"scenario {path}: expected a file, or one of {', '.join(known)}")
+        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
     return SCENARIOS / f"{path.name}.toml"
 
 

@@ -24,7 +24,7 @@ PRELOAD = (
     "jouleswarm.agents.agent",
     "jouleswarm.datacenter.__main__",
     "jouleswarm.datacenter.center",
-    "jouleswarm.common.bus.mqtt",
+    "jouleswarm.common.bus.joining",
 )
 """Loaded before the first fork."""
 

@@ -400,7 +400,7 @@ def test_who_waits_for_what_is_known_the_longest_first_until_it_gets_on(table: T
 
 
 def test_of_who_tells_what_it_waits_for_it_is_not_said_that_nothing_is_heard(table: Table) -> None:
-    table.recorder._patience._from_s -= 100  # so long ago it has begun
+    table.recorder._attendance._patience._from_s -= 100  # so long ago it has begun
     tell_wait(table, "agent-1", "round 8 of robots [2]", 100)
     told = {wait.rpartition(" (")[0] for wait in table.recorder.waits}
     assert told == {

@@ -1,4 +1,4 @@
-"""A model's file is all that its user needs: the example of the README, run as it is printed there."""
+"""A model's file is all that its user needs: the example of docs/models.md, run as it is printed there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from jouleswarm.simulation import Outcome, run_in_memory
 
 ROOT = Path(__file__).parents[2]
 TASKS = (1, 2)
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "models.md").read_text(encoding="utf-8"), re.DOTALL)
 (EXAMPLE,) = (block for block in BLOCKS if "safetensors" in block)
 
 
@@ -40,7 +40,7 @@ def rewards(scenario: Scenario, payload: bytes, run: Path, capsys: pytest.Captur
     """What the example prints of a file: its own reward, and the recorded one."""
     (run / "manifest.json").write_text(json.dumps({"scenario": scenario.model_dump(mode="json")}))
     (run / "model.safetensors").write_bytes(payload)
-    exec(compile(EXAMPLE, "README.md", "exec"), {"path": run / "model.safetensors", "run": run})
+    exec(compile(EXAMPLE, "docs/models.md", "exec"), {"path": run / "model.safetensors", "run": run})
     own, recorded = re.fullmatch(r"(\S+) recorded: (\S+)\n", capsys.readouterr().out).groups()  # type: ignore[union-attr]
     return float(own), float(recorded)
 

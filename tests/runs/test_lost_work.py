@@ -28,7 +28,7 @@ def work(client: str, phase: Any, arm: str, task: int, gradients: int, query: in
 
 
 def undisturbed() -> list[WorkRow]:
-    """What the made-up run of conftest.py comes to: 20 gradients and 20 motions a round, 3 rounds of meta-learning."""
+    """What the made-up run comes to: 20 gradients and 20 motions a round, 3 rounds of meta-learning."""
     rows = [work("datacenter", "maml", "maml", task, 30, 30) for task in (1, 2)]
     rows += [work(f"agent-{agent}", "maml", "maml", task, 0, 0, 3 * MOTIONS) for task, agent in ((1, 1), (2, 3))]
     for arm, rounds in (("maml", {1: 4, 2: 6}), ("fl", {1: 10, 2: 20})):

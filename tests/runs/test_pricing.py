@@ -1,4 +1,4 @@
-"""The bill of the made-up run of conftest.py, worked out by hand."""
+"""The bill of the made-up run of tests/made_up_run.py, worked out by hand."""
 
 import json
 

@@ -24,7 +24,6 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.prices import Prices
-from jouleswarm.fleet.deploy import manifest
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
 from jouleswarm.report.format import TextTable
@@ -33,6 +32,7 @@ from jouleswarm.report.report import Run, load_run, report
 from jouleswarm.report.tables import bytes_table, causes_table, rounds_table, sites_table, totals_table
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.manifest import manifest
 from jouleswarm.runs.summary import summarise
 
 RUN = "many"

@@ -17,8 +17,8 @@ from jouleswarm.chaos.faults import Site, inject, refused
 from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.disk.state import State, StateFile
 from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.fleet.deploy import manifest
 from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.manifest import manifest
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 DEADLINE_S = 60.0

@@ -1,4 +1,4 @@
-"""Reading, printing and pricing again the made-up run of conftest.py."""
+"""Reading, printing and pricing again the made-up run of tests/made_up_run.py."""
 
 import io
 import json

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.cli import main as fleet_cli
-from jouleswarm.cli import study as cli
+from jouleswarm.cli.main import main
 from jouleswarm.studies import run
-from jouleswarm.studies.engine import FACTS
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -25,7 +23,7 @@ def jouleswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
     def call(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["jouleswarm", *arguments])
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            main()
         code = ended.value.code
         out, err = capsys.readouterr()
         return (code if isinstance(code, int) else 0), out, err
@@ -96,8 +94,3 @@ def test_folders_are_named_after_study_and_profile(
     jouleswarm("study", "regimes", "--scenario", TOY)
     assert [where.results for where in seen] == [Path("results/paper"), Path("results/toy-regimes")]
     assert [where.work for where in seen] == [Path("runs/study-paper-paper"), Path("runs/study-regimes-toy")]
-
-
-def test_the_fleet_alone_knows_of_no_studies() -> None:
-    assert "studies" not in Path(fleet_cli.__file__).read_text()
-    assert FACTS == "facts.csv"

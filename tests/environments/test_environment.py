@@ -11,8 +11,6 @@ import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-import jouleswarm.agents
-import jouleswarm.environments.landmarks.environment
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
@@ -192,9 +190,3 @@ def test_render_shows_the_newest_frame(small: Scenario) -> None:
 def test_an_unknown_task_is_refused(small: Scenario) -> None:
     with pytest.raises(ConfigurationError, match=r"task 7 is not in scenario paper, expected one of \[1, 2, 3"):
         LandmarksEnv(scenario=small, task=7)
-
-
-def test_a_missing_default_scenario_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(jouleswarm.environments.landmarks.environment, "_PAPER", tmp_path / "paper.toml")
-    with pytest.raises(ConfigurationError, match="pass scenario="):
-        LandmarksEnv()

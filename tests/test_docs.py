@@ -1,0 +1,91 @@
+"""What the pages say is there: files, modules, commands and options."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import typer.main
+import yaml
+from click import Command, Group
+
+from jouleswarm.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+NAMES = {path.name for path in ROOT.iterdir()}
+
+by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+def missing_links(page: Path) -> list[str]:
+    """Links of a page to files that are not there."""
+    targets = re.findall(r"\]\(([^)#]+)\)", page.read_text())
+    return [target for target in targets if "://" not in target and not (page.parent / target).exists()]
+
+
+def missing_paths(text: str) -> list[str]:
+    """Paths in backquotes, from the checkout's root, that are not there."""
+    paths = re.findall(r"`([\w.-]+/[\w./-]*)`", text)
+    return [path for path in paths if path.split("/")[0] in NAMES and not (ROOT / path).exists()]
+
+
+def missing_modules(text: str) -> list[str]:
+    """Modules of `python -m` that cannot be imported."""
+    return [name for name in re.findall(r"python -m\s+([\w.]+)", text) if name[-1] != "." and find_spec(name) is None]
+
+
+def wrong_commands(text: str) -> list[str]:
+    """Command lines in code that name a command or an option of `jouleswarm` that there is not."""
+    wrong = []
+    for line in re.findall(
+        r"^jouleswarm ((?:.*\\\n)*.*)$", "\n".join(re.findall(r"```sh\n(.*?)```", text, re.S)), re.M
+    ):
+        words = line.replace("\\\n", " ").split("#")[0].split()
+        command: Command | None = typer.main.get_command(app)
+        while isinstance(command, Group) and words:
+            command = command.commands.get(words.pop(0))
+        known = {option for each in command.params for option in each.opts} if command else set()
+        wrong += [line] if not command or {word for word in words if word.startswith("--")} - known else []
+    return wrong
+
+
+@by_page
+def test_a_page_names_only_what_is_there(page: Path) -> None:
+    text = page.read_text()
+    assert missing_links(page) == []
+    assert missing_paths(text) == []
+    assert missing_modules(text) == []
+    assert wrong_commands(text) == []
+
+
+def test_what_is_not_there_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("[a](page.md) [b](gone.md) [c](https://example.org/gone.md)")
+    assert missing_links(page) == ["gone.md"]
+    assert missing_paths("`docs/broker.md` `docs/gone.md` `elsewhere/gone.md`") == ["docs/gone.md"]
+    assert missing_modules("`python -m jouleswarm.agents`, python -m jouleswarm.gone") == ["jouleswarm.gone"]
+    text = "```sh\njouleswarm run toy --set a=1\njouleswarm walk\njouleswarm study paper \\\n  --sneeds 2  # --x\n```"
+    assert wrong_commands(text) == ["walk", "study paper \\\n  --sneeds 2  # --x"]
+
+
+def test_the_readme_is_short_and_leads_to_every_page() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 150
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} <= set(re.findall(r"docs/([\w-]+\.md)", text))
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
+    told = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert (told["version"], told["license"]) == (project["version"], project["license"])
+    assert [each["family-names"] for each in told["references"][0]["authors"]] == [
+        "Savazzi",
+        "Rampa",
+        "Kianoush",
+        "Bennis",
+    ]
+    assert f"## {project['version']} " in (ROOT / "CHANGELOG.md").read_text()
