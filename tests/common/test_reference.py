@@ -22,7 +22,7 @@ def test_a_field_is_told_with_its_default_bounds_and_meaning() -> None:
     lines = reference.reference().splitlines()
     assert "| `reward_window` | `5` | whole number, 1 to 1_000_000 | R is the mean over this many rounds |" in lines
     assert "| `ul_bit_per_j` | `200000.0` | number, 1e-06 to 1e+15 | uplink efficiency E_UL, bit/J |" in lines
-    assert "| `optimizer` | `\"adam\"` | `\"adam\"`, `\"sgd\"` | of the robots' gradient steps |" in lines
+    assert '| `optimizer` | `"adam"` | `"adam"`, `"sgd"` | of the robots\' gradient steps |' in lines
     assert "| `heading_jitter_deg` | `2.0` | number, 0 to below 45 |" in "\n".join(lines)
     assert "| `id` | required | whole number, 1 to 1_000_000 |" in "\n".join(lines)
 
