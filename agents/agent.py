@@ -16,6 +16,7 @@ from jouleswarm.agents.meta_stage import MetaLink
 from jouleswarm.agents.neighbourhood import neighbourhood_of
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.agents.sharing import sharing_of
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.common.bus.bus import Bus
 from jouleswarm.common.disk.state import NOTHING, Keep, Stateful
 from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
@@ -24,8 +25,9 @@ from jouleswarm.common.seeding import integer, stream
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
-from jouleswarm.learning.learner import Learner, Weights
+from jouleswarm.learning.learner import Learner
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights, use_of
 from jouleswarm.methods.ledger import RewardLedger
 
@@ -96,7 +98,9 @@ class Robot:
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
         network, settings = build_qnetwork(scenario.network), scenario.meta
         shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
-        self.exchange = Exchange(bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows)
+        self.exchange = Exchange(
+            bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows, codec_of(scenario)
+        )
         self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
         self._sent: dict[str, set[int]] = {}
         self._meter = bus.meter

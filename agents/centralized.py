@@ -14,7 +14,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import Episode, ModelHeader
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
-from jouleswarm.learning.learner import Policy, Weights
+from jouleswarm.common.wire.types import Weights
+from jouleswarm.learning.learner import Policy
 from jouleswarm.learning.networks import use_of
 from jouleswarm.methods.ledger import RewardLedger
 

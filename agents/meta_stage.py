@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.codecs.codec import Shapes, Weights, decode
+from jouleswarm.codecs.models import read_model
+from jouleswarm.codecs.streams import WeightsDecoder
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.scenario.arms import META_METHODS, Arm
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_json, read_model
+from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_json
+from jouleswarm.common.wire.types import Shapes, Weights
 
 
 def _data_center() -> list[str]:
@@ -91,7 +93,7 @@ class MetaLink:
     def _take_meta(self, message: Message) -> None:
         codec = self._exchange.codec
         tensors, _ = read_model(message.payload, self._shapes, codec)
-        self._models[topics.arm_of(message.topic)] = decode(codec, tensors, self._shapes)
+        self._models[topics.arm_of(message.topic)] = WeightsDecoder(codec, self._shapes).decode(tensors)
 
     def _take_wanted(self, message: Message) -> None:
         if message.payload:

@@ -15,10 +15,12 @@ import numpy as np
 
 from jouleswarm.agents.absence import Absence
 from jouleswarm.agents.neighbourhood import Neighbourhood
-from jouleswarm.codecs.codec import Shapes, Tensors, Weights
+from jouleswarm.codecs.codec import Codec
+from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.bus.agreement import Agreement
-from jouleswarm.common.bus.bus import Bus, Message, Payload
+from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
@@ -31,15 +33,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Bus as BusSettings
 from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    ModelHeader,
-    Presence,
-    RoundRequest,
-    Wait,
-    decode_json,
-    encode_json,
-    read_model,
-)
+from jouleswarm.common.wire.messages import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json
+from jouleswarm.common.wire.types import Payload, Shapes, Tensors, Weights
 
 log = logging.getLogger("jouleswarm.agent")
 
@@ -63,10 +58,11 @@ class Exchange:
         settings: BusSettings,
         federation: Federation,
         rows: Path | None = None,
+        codec: Codec = FLOAT32,
     ) -> None:
         """`rows`: a file that keeps the rows of a robot that was killed."""
         self._bus, self.run, self.here, self._shapes = bus, run, here, shapes
-        self.qos, self.codec = settings.qos, federation.weights_codec
+        self.qos, self.codec = settings.qos, codec
         self.encoder = WeightsEncoder(self.codec)
         self._absence = Absence(federation)
         self._ahead: dict[int, tuple[Tensors, ModelHeader]] = {}

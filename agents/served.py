@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from jouleswarm.agents.peers import Exchange, names
-from jouleswarm.codecs.codec import Tensors, Weights
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Episode, ModelHeader, RoundRequest, decode_json, encode_json
+from jouleswarm.common.wire.types import Tensors, Weights
 
 Model = tuple[Weights, ModelHeader]
 

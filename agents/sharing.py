@@ -6,11 +6,13 @@ from typing import Protocol
 
 from jouleswarm.agents.peers import Arrived, Exchange
 from jouleswarm.agents.served import ServerLink
+from jouleswarm.codecs.codec import share_of
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.methods.consensus import Weights, default_step, mix, mixing_weights
+from jouleswarm.common.wire.types import Weights
+from jouleswarm.methods.consensus import default_step, mix, mixing_weights
 
 
 class Sharing(Protocol):
@@ -76,7 +78,7 @@ class ParameterServer:
         return [average]
 
     def mixed(self, weights: Weights) -> Weights:
-        if self._exchange.codec.is_lossless:
+        if self._exchange.codec.lossless:
             return self._average
         return {name: self._average[name] + (tensor - self._sent[name]) for name, tensor in weights.items()}
 
@@ -91,6 +93,4 @@ def sharing_of(arm: Arm, exchange: Exchange, scenario: Scenario, neighbours: int
     """What the arm's method shares by."""
     if arm.method == "fedavg":
         return ParameterServer(ServerLink(exchange), exchange)
-    settings = scenario.federation
-    share = settings.topk_share if settings.codec == "topk" else 1.0
-    return Consensus(exchange, settings.step or default_step(neighbours, share))
+    return Consensus(exchange, scenario.federation.step or default_step(neighbours, share_of(exchange.codec)))

@@ -25,10 +25,11 @@ from jouleswarm.codecs.frames import resize
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.environments.landmarks.environment import LandmarksEnv
 from jouleswarm.environments.landmarks.tasks import action_values, start_cells
 from jouleswarm.learning.heads import start_of
-from jouleswarm.learning.learner import Policy, Weights
+from jouleswarm.learning.learner import Policy
 from jouleswarm.learning.networks import build_qnetwork, to_weights
 from jouleswarm.simulation import run_in_memory
 

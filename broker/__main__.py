@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 import typer
 
+from jouleswarm.broker.logs import background_log
 from jouleswarm.broker.options import Options, command
 from jouleswarm.broker.protection import protection_of, warning_of
 from jouleswarm.broker.server import Addresses, Settings, run
@@ -30,8 +31,8 @@ def main(options: Options) -> None:
     With users, TLS and topic rights: jouleswarm keys init quick --out keys --hosts HOST,127.0.0.1, then
     python -m jouleswarm.broker --host 0.0.0.0 --keys keys
     """
-    _log(options.log_level)
-    with one_line_errors("broker"):
+    level = _level(options.log_level)
+    with one_line_errors("broker"), background_log(level):
         tls, guard = protection_of(options)
         warning = warning_of(options.host, with_tls=tls is not None, with_users=guard is not None)
         settings = Settings(
@@ -54,13 +55,11 @@ def main(options: Options) -> None:
             asyncio.run(run(settings, ready, guard))
 
 
-def _log(log_level: str) -> None:
+def _level(log_level: str) -> int:
     level = logging.getLevelNamesMapping().get(log_level.upper())
     if level is None:
         raise typer.BadParameter(f"got {log_level}, expected DEBUG, INFO, WARNING or ERROR", param_hint="--log-level")
-    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    for name in ("amqtt", "transitions"):
-        logging.getLogger(name).setLevel(max(level, logging.WARNING))
+    return level
 
 
 def _announce_json(addresses: Addresses) -> None:

@@ -66,9 +66,9 @@ class SwarmBroker(MessageBroker):
     def _refuse(self, connection: Connection, event: str, reason: str, client_id: str | None = None) -> None:
         host, port = connection.peer
         who = f"client {name_of(client_id)}" if client_id else f"a client at {host}"
+        connection.abort(reason)
         self.meter.refused(event, f"{who}: {reason}")
         logger.warning("connection of %s from %s:%d closed: %s", client_id or "a client", host, port, reason)
-        connection.abort(reason)
 
     async def _answer(self, connection: Connection, code: int) -> None:
         connection.send(bytes((0x20, 2, 0, code)))  # CONNACK (section 3.2)

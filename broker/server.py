@@ -127,6 +127,7 @@ def _leave_within(limit_s: float) -> None:
 
     def give_up() -> None:
         logger.error("the broker did not leave within %g s, and is ended", limit_s)
+        logging.shutdown()  # which waits no longer than a moment for who reads it
         os._exit(RunError.exit_code)
 
     timer = threading.Timer(limit_s, give_up)

@@ -14,7 +14,7 @@ import importlib.metadata
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -28,9 +28,18 @@ SHIPPED: dict[Kind, dict[str, str]] = {
     "environments": {},
     "networks": {},
     "methods": {},
-    "codecs": {},
+    "codecs": {
+        "float32": "jouleswarm.codecs.floats:Float32",
+        "float16": "jouleswarm.codecs.floats:Float16",
+        "int8": "jouleswarm.codecs.int8:Int8",
+        "topk": "jouleswarm.codecs.topk:TopK",
+    },
     "prices": {},
 }
+
+TRIALS: dict[Kind, str] = {"codecs": "jouleswarm.codecs.trial:try_codec"}
+"""Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
+It takes the scenario, and raises ConfigurationError."""
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -45,9 +54,8 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
     Raises:
         ConfigurationError: nothing goes by that name, or its module cannot be imported: one line that says why.
     """
-    known = words(kind)
-    target = name if ":" in name else known.get(name)
-    if target is None:
+    target = name if ":" in name else SHIPPED[kind].get(name)  # what is announced takes a while to be found
+    if target is None and (target := (known := words(kind)).get(name)) is None:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ConfigurationError(f"{_one(kind)} {name!r}: expected {_choice(known)} or module:name{hint}")
@@ -62,6 +70,13 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
             where = getattr(found, "__file__", None) or module_name
             raise ConfigurationError(f"{_one(kind)} {name!r}: {where} has no {part}{hint}")
         found = getattr(found, part)
+    return found
+
+
+def trial_of(kind: Kind) -> Callable[[Any], None] | None:
+    """Who tries what comes in by a door, if anybody does (see `TRIALS`)."""
+    module, _, function = TRIALS.get(kind, "").partition(":")
+    found: Callable[[Any], None] | None = getattr(importlib.import_module(module), function) if module else None
     return found
 
 

@@ -8,6 +8,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.bus.agreement import Agreement
 from jouleswarm.common.bus.bus import Bus, Message
@@ -118,7 +119,7 @@ def meta_train(
             reporter.deliver(topics.snapshot(run, method, round_), saved)
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.
-                models[round_] = WeightsEncoder(scenario.federation.weights_codec).payload(weights, header)
+                models[round_] = WeightsEncoder(codec_of(scenario)).payload(weights, header)
                 checkpoint.keep_model(round_, models[round_])
         _report(reporter, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
         checkpoint.save(round_, learner.state())

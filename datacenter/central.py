@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.streams import WeightsEncoder
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import integer, stream
 from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.types import Payload
 from jouleswarm.datacenter.cluster_rounds import Turn
 from jouleswarm.datacenter.experience import Motion, Walks, read_motion
 from jouleswarm.learning.learner import Learner
@@ -31,7 +32,7 @@ class CentralLearner:
         self.per_robot = scenario.learning.motions_per_round
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._walks = {task: Walks(learner.replay, self.per_robot) for task, learner in self._learners.items()}
-        self._encoders = {task: WeightsEncoder(scenario.federation.weights_codec) for task in scenario.clusters}
+        self._encoders = {task: WeightsEncoder(codec_of(scenario)) for task in scenario.clusters}
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
         """One motion of a robot.

@@ -7,13 +7,14 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from jouleswarm.common.bus.bus import Message, Payload
+from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import RoundRequest, Wait, decode_json, encode_json
+from jouleswarm.common.wire.types import Payload
 from jouleswarm.datacenter.inbox import Desk, names
 
 T = TypeVar("T")

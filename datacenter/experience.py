@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.codecs.observations import decode_experience
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
+from jouleswarm.common.wire.types import Payload
 from jouleswarm.learning.replay import Replay
 
 

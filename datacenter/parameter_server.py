@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from jouleswarm.codecs.codec import Array, Shapes, Tensors, Weights
+from jouleswarm.codecs.codec import codec_of
+from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.messages import ModelHeader, read_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.types import Array, Payload, Shapes, Tensors, Weights
 from jouleswarm.datacenter.cluster_rounds import Turn
 from jouleswarm.learning.networks import build_qnetwork, shapes_of
 from jouleswarm.methods.ledger import RewardLedger
@@ -35,7 +36,7 @@ class ParameterServer:
         """`folder`: not needed, everything is in `state`; `tally`: no gradient is computed here."""
         self._clusters = scenario.clusters
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
-        self._codec = scenario.federation.weights_codec
+        self._codec = codec_of(scenario)
         window = scenario.federation.reward_window
         self._ledgers = {task: RewardLedger(cluster, 1, window) for task, cluster in scenario.clusters.items()}
         self._encoders = {task: WeightsEncoder(self._codec) for task in scenario.clusters}
@@ -96,7 +97,7 @@ class ParameterServer:
         if untold := self._untold.get(task):
             average = {name: tensor + untold[name] for name, tensor in average.items()}
         payload = encoder.payload(average, header, len(robots))
-        if not self._codec.is_lossless:
+        if not self._codec.lossless:
             self._untold[task] = {name: tensor - encoder.public[name] for name, tensor in average.items()}
         for agent in robots:
             self._decoders[agent].rebase(encoder.public)

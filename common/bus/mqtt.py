@@ -8,11 +8,12 @@ from collections.abc import Callable
 from typing import Self
 
 from jouleswarm.common.bus.address import parse_url
-from jouleswarm.common.bus.bus import Message, Payload
+from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.connection import Connection
 from jouleswarm.common.bus.credentials import Credentials
 from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError
 from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.wire.types import Payload
 
 logger = logging.getLogger("bus")
 

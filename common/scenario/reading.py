@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from jouleswarm.common.doors import trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
@@ -87,6 +88,12 @@ def scenario_from(data: dict[str, Any], where: str, folder: Path | None = None) 
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
     if misfit := next(misfits(scenario), None):
         raise ConfigurationError(f"scenario {where}: {misfit}")
+    try:
+        for kind in dict(scenario.named):
+            if trial := trial_of(kind):
+                trial(scenario)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"scenario {where}: {error}") from error
     return scenario
 
 

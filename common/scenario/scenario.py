@@ -115,10 +115,10 @@ class Scenario(Section):
 
     def _check_on_missing(self) -> None:
         served = [method for method in self.methods if method in SERVED_METHODS]
-        if self.federation.on_missing == "proceed" and (served or self.federation.codec == "topk"):
+        if self.federation.on_missing == "proceed" and served:
             raise ValueError(
-                f'federation.on_missing = "proceed" with {", ".join(served) or "codec topk"}: expected methods over '
-                "sidelinks and a codec whose messages are whole, for who comes back has missed some"
+                f'federation.on_missing = "proceed" with {", ".join(served)}: expected methods over sidelinks, for who '
+                "comes back has missed some"
             )
 
     @property
@@ -129,7 +129,7 @@ class Scenario(Section):
     @property
     def named(self) -> tuple[tuple[Kind, str], ...]:
         """What comes in by doors."""
-        return ()
+        return (("codecs", self.federation.codec),)
 
     @property
     def files(self) -> dict[str, Path]:

@@ -7,8 +7,6 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from jouleswarm.codecs.codec import CodecName, ExperienceCodec, WeightsCodec
-
 # Every number has both bounds: far beyond what anybody runs, and within what arithmetic, memory and messages can hold.
 Id = Annotated[int, Field(ge=1, le=1_000_000)]
 Robots = Annotated[int, Field(ge=1, le=1000)]
@@ -103,6 +101,7 @@ class Network(Section):
 
 
 Starts = Literal["area", "anywhere", "entry"]
+ExperienceCodec = Literal["raw", "png", "resized"]
 
 
 class Learning(Section):
@@ -139,10 +138,13 @@ class Federation(Section):
         description="consensus step; 1 = literal eq. (6); default 1/(N+1), and topk_share/(N+1) with codec topk: most "
         "of what robots then hold of each other is old, and at larger steps they go past each other by ever more",
     )
-    codec: CodecName = Field(
+    codec: str = Field(
         "float32",
+        min_length=1,
+        max_length=200,
         description="of weights on every link, meta-models included: float32, float16 (values beyond 65504 clipped), "
-        "int8 (a float32 scale a tensor) or topk (the entries that changed most, 8 bytes each; first messages whole)",
+        "int8 (a float32 scale a tensor), topk (the entries that changed most, 8 bytes each; first messages whole) or "
+        "module:Class (see docs/doors.md)",
     )
     topk_share: Share = Field(0.05, description="share of the entries in a topk message, over all tensors")
     on_missing: Literal["wait", "proceed"] = Field(
@@ -162,11 +164,6 @@ class Federation(Section):
     max_rounds: Rounds = 200
     target_reward: float = Field(50.0, ge=-1e9, le=1e9)
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
-
-    @property
-    def weights_codec(self) -> WeightsCodec:
-        """How weights are written."""
-        return WeightsCodec(self.codec, self.topk_share)
 
 
 class Meta(Section):

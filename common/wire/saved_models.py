@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from jouleswarm.codecs.codec import Array, check_weights
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.wire.messages import ModelHeader, from_json
+from jouleswarm.common.wire.models import check_weights
 from jouleswarm.common.wire.tensorfile import decode_floats, encode_tensors
+from jouleswarm.common.wire.types import Array, Payload
 
 
 class Input(BaseModel):

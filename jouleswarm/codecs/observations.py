@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from jouleswarm.codecs.codec import ExperienceCodec
 from jouleswarm.codecs.frames import resize
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.sections import ExperienceCodec
 from jouleswarm.common.wire.messages import (
     MOTION_METADATA_BYTES,
     MotionHeader,
@@ -23,6 +22,7 @@ from jouleswarm.common.wire.messages import (
     encode_motion,
 )
 from jouleswarm.common.wire.tensorfile import decode_tensors, encode_tensors, tensor_bytes
+from jouleswarm.common.wire.types import Payload
 
 Frame = npt.NDArray[np.uint8]
 

@@ -16,11 +16,10 @@ from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.sections import Learning as LearningSettings
 from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
 from jouleswarm.learning.networks import build_qnetwork, load_weights, observations, to_weights
 from jouleswarm.learning.replay import Batch, Replay
-
-Weights = dict[str, npt.NDArray[np.float32]]
 
 
 class Policy:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
-Weights = dict[str, npt.NDArray[np.float32]]
+from jouleswarm.common.wire.types import Weights
 
 
 def mixing_weights(samples: Mapping[int, int]) -> dict[int, float]:

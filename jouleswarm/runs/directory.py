@@ -18,7 +18,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.rowfile import RowFile
@@ -30,6 +29,7 @@ from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.reading import DOORS
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import Payload
 
 __all__ = ["MANIFEST", "METER", "PROGRESS", "ROUNDS", "STATE", "SUMMARY", "WORK", "RunDirectory"]
 

@@ -18,15 +18,8 @@ from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    ModelHeader,
-    MotionHeader,
-    Presence,
-    decode_model,
-    encode_json,
-    encode_model,
-    encode_motion,
-)
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, Presence, encode_json, encode_motion
+from jouleswarm.common.wire.models import decode_model, encode_model
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.datacenter.center import run_datacenter
 from jouleswarm.learning.heads import head_of, meta_shapes

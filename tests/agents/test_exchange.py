@@ -16,15 +16,8 @@ from jouleswarm.common.host import arithmetic
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.sections import Bus, Federation
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    ModelHeader,
-    Presence,
-    RoundRequest,
-    Wait,
-    decode_json,
-    encode_json,
-    encode_model,
-)
+from jouleswarm.common.wire.messages import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json
+from jouleswarm.common.wire.models import encode_model
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
 SHAPES = {"w": (2,)}

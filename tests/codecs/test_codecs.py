@@ -9,30 +9,22 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.codec import (
-    FLOAT32,
-    INDICES,
-    MAX_WEIGHT,
-    VALUES,
-    CodecName,
-    Weights,
-    WeightsCodec,
-    check,
-    decode,
-    encode,
-    experience_bytes,
-    is_difference,
-    largest_weight,
-    topk_entries,
-    weights_bytes,
-)
+from jouleswarm.codecs.codec import Codec, is_whole
+from jouleswarm.codecs.experience import experience_bytes
+from jouleswarm.codecs.floats import FLOAT32, Float16
+from jouleswarm.codecs.int8 import Int8
+from jouleswarm.codecs.models import check_tensors, decoded, read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.codecs.topk import INDICES, VALUES, TopK, topk_entries
 from jouleswarm.common.errors import PayloadError, TrainingError
-from jouleswarm.common.wire.messages import ModelHeader, decode_model, encode_model, read_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model, largest_weight
 from jouleswarm.common.wire.tensorfile import tensor_bytes
+from jouleswarm.common.wire.types import Weights
+from jouleswarm.runs.sizes import weights_bytes
 
-HALF, INT8 = WeightsCodec("float16"), WeightsCodec("int8")
-CODECS = [FLOAT32, HALF, INT8, WeightsCodec("topk", 0.25)]
+HALF, INT8 = Float16(), Int8()
+CODECS = [FLOAT32, HALF, INT8, TopK(0.25)]
 SHAPES = {"a": (2, 3), "b": (2,)}
 HEADER = ModelHeader(task=2, agent=3, round=9, reward=41.5, samples=20, rewards={3: (9, 40.0), 4: (8, 43.0)})
 FIRST = HEADER.model_copy(update={"round": 1, "rewards": {3: (1, 40.0)}})
@@ -56,8 +48,8 @@ def flat(weights: Weights) -> npt.NDArray[np.float64]:
     return np.concatenate([tensor.reshape(-1) for tensor in weights.values()]).astype(np.float64)
 
 
-def through(codec: WeightsCodec, weights: Weights) -> Weights:
-    return decode(codec, encode(codec, weights), {name: tensor.shape for name, tensor in weights.items()})
+def through(codec: Codec, weights: Weights) -> Weights:
+    return codec.decode(codec.encode(weights, None), {name: tensor.shape for name, tensor in weights.items()}, None)
 
 
 @given(eight)
@@ -82,7 +74,7 @@ def test_float16_clips_to_the_largest_half_instead_of_sending_infinity() -> None
 @given(st.lists(finite32, min_size=1, max_size=20))
 def test_int8_is_right_to_half_a_step_of_the_tensors_scale(values: list[float]) -> None:
     weights = vector(*values)
-    scale = float(encode(INT8, weights)["w.scale"])
+    scale = float(INT8.encode(weights, None)["w.scale"])
     back, exact = flat(through(INT8, weights)), flat(weights)
     # half a step, and the rounding of the product to float32: up to 127 steps x 2^-24
     assert (np.abs(back - exact) <= scale * (0.5 + 127 * 2.0**-24)).all()
@@ -92,7 +84,7 @@ def test_int8_is_right_to_half_a_step_of_the_tensors_scale(values: list[float]) 
 
 def test_int8_has_a_scale_for_each_tensor() -> None:
     # steps of 1 and of 2: 3.4 is 3 of the first, 5.0 is 2.5 of the second, half way, to the even 2
-    tensors = encode(INT8, {"a": np.array([127, 3.4, -127], np.float32), "b": np.array([-254, 5], np.float32)})
+    tensors = INT8.encode({"a": np.array([127, 3.4, -127], np.float32), "b": np.array([-254, 5], np.float32)}, None)
     assert {name: tensor.tolist() for name, tensor in tensors.items()} == {
         "a.scale": 1.0, "b.scale": 2.0, "a": [127, 3, -127], "b": [-127, 2],
     }  # fmt: skip
@@ -103,30 +95,30 @@ def test_int8_has_a_scale_for_each_tensor() -> None:
 def test_int8_takes_zero_the_largest_and_the_least_numbers(values: list[float]) -> None:
     weights = vector(*values)
     back = flat(through(INT8, weights))
-    scale = float(encode(INT8, weights)["w.scale"])
+    scale = float(INT8.encode(weights, None)["w.scale"])
     assert np.isfinite(back).all()
     assert (np.abs(back - flat(weights)) <= scale * (0.5 + 127 * 2.0**-24)).all()
 
 
 def test_a_topk_message_has_the_entries_that_moved_most_as_their_new_values() -> None:
-    codec, base = WeightsCodec("topk", 0.4), vector(1.0, 1.0, 1.0, 1.0, 1.0)
+    codec, base = TopK(0.4), vector(1.0, 1.0, 1.0, 1.0, 1.0)
     weights = vector(1.5, -2.0, 1.0, 4.5, 1.25)  # differences 0.5, 3, 0, 3.5, 0.25; 0.4 of 5 entries are 2
-    tensors = encode(codec, weights, base)
+    tensors = codec.encode(weights, base)
     assert (tensors[INDICES].tolist(), tensors[VALUES].tolist()) == ([1, 3], [-2.0, 4.5])
     assert (tensors[INDICES].dtype, tensors[VALUES].dtype) == (np.int32, np.float32)
-    assert decode(codec, tensors, {"w": (5,)}, base)["w"].tolist() == [1.0, -2.0, 1.0, 4.5, 1.0]
+    assert codec.decode(tensors, {"w": (5,)}, base)["w"].tolist() == [1.0, -2.0, 1.0, 4.5, 1.0]
 
 
 def test_equal_differences_are_taken_in_the_order_of_their_indices() -> None:
-    tensors = encode(WeightsCodec("topk", 0.5), vector(1, -1, 2, 1, -1, 1), vector(0, 0, 0, 0, 0, 0))
+    tensors = TopK(0.5).encode(vector(1, -1, 2, 1, -1, 1), vector(0, 0, 0, 0, 0, 0))
     assert tensors[INDICES].tolist() == [0, 1, 2]
 
 
 def test_topk_is_over_all_tensors_together() -> None:
-    codec, base = WeightsCodec("topk", 0.25), model([0.0] * 8)
-    tensors = encode(codec, model([0, 0, 0, 0, 0, 7, 9, 1]), base)  # entry 5 is a's last, entry 6 b's first
+    codec, base = TopK(0.25), model([0.0] * 8)
+    tensors = codec.encode(model([0, 0, 0, 0, 0, 7, 9, 1]), base)  # entry 5 is a's last, entry 6 b's first
     assert (tensors[INDICES].tolist(), tensors[VALUES].tolist()) == ([5, 6], [7.0, 9.0])
-    got = decode(codec, tensors, SHAPES, base)
+    got = codec.decode(tensors, SHAPES, base)
     assert (got["a"].tolist(), got["b"].tolist()) == ([[0, 0, 0], [0, 0, 7]], [9, 0])
     assert flat(base).tolist() == [0.0] * 8  # what was handed out before stays as it is
 
@@ -143,7 +135,7 @@ def test_topk_sends_its_share_rounded_up(entries: int, share: float, sent: int) 
 def test_a_model_that_stands_still_is_reached_to_the_bit_after_1_over_share_messages(
     before: list[float], values: list[float], share: float
 ) -> None:
-    encoder, decoder = WeightsEncoder(WeightsCodec("topk", share)), WeightsDecoder(WeightsCodec("topk", share), SHAPES)
+    encoder, decoder = WeightsEncoder(TopK(share)), WeightsDecoder(TopK(share), SHAPES)
     decoder.decode(encoder.encode(model(before)))
     distances = []
     for _ in range(math.ceil(1 / share)):
@@ -154,7 +146,7 @@ def test_a_model_that_stands_still_is_reached_to_the_bit_after_1_over_share_mess
 
 
 @given(st.lists(eight, min_size=1, max_size=6), st.sampled_from(CODECS))
-def test_the_sender_knows_what_receivers_hold_to_the_bit(models: list[list[float]], codec: WeightsCodec) -> None:
+def test_the_sender_knows_what_receivers_hold_to_the_bit(models: list[list[float]], codec: Codec) -> None:
     encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, SHAPES)
     for round_, values in enumerate(models, 1):
         header = FIRST.model_copy(update={"round": round_})
@@ -168,14 +160,14 @@ def test_the_sender_knows_what_receivers_hold_to_the_bit(models: list[list[float
 
 
 @given(st.lists(eight, min_size=2, max_size=4), st.sampled_from(CODECS))
-def test_the_same_models_give_the_same_bytes(models: list[list[float]], codec: WeightsCodec) -> None:
+def test_the_same_models_give_the_same_bytes(models: list[list[float]], codec: Codec) -> None:
     one, other = WeightsEncoder(codec), WeightsEncoder(codec)
     for values in models:
         assert one.payload(model(values), HEADER) == other.payload(model(values), HEADER)
 
 
 def test_after_a_rebase_differences_are_to_the_new_base_on_both_sides() -> None:
-    codec = WeightsCodec("topk", 0.5)
+    codec = TopK(0.5)
     encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, {"w": (2,)})
     decoder.decode(encoder.encode(vector(1.0, 2.0)))
     encoder.rebase(vector(10.0, 20.0))
@@ -184,9 +176,9 @@ def test_after_a_rebase_differences_are_to_the_new_base_on_both_sides() -> None:
 
 
 def test_differences_without_a_base_are_refused() -> None:
-    codec = WeightsCodec("topk", 0.5)
+    codec = TopK(0.5)
     with pytest.raises(PayloadError, match="expected a whole model first"):
-        WeightsDecoder(codec, {"w": (2,)}).decode(encode(codec, vector(1, 2), vector(0, 0)))
+        WeightsDecoder(codec, {"w": (2,)}).decode(codec.encode(vector(1, 2), vector(0, 0)))
 
 
 def test_a_float32_payload_is_what_it_was_before_there_were_codecs() -> None:
@@ -197,7 +189,7 @@ def test_a_float32_payload_is_what_it_was_before_there_were_codecs() -> None:
 
 
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
-def test_a_saved_payload_opens_in_the_safetensors_library(codec: WeightsCodec) -> None:
+def test_a_saved_payload_opens_in_the_safetensors_library(codec: Codec) -> None:
     encoder = WeightsEncoder(codec)
     weights = model([1, 2, 3, 4, 5, 6, 7, 8])
     for _ in range(2):
@@ -219,7 +211,7 @@ def test_a_saved_payload_opens_in_the_safetensors_library(codec: WeightsCodec) -
     eight,
 )
 def test_payloads_of_a_codec_have_one_size_after_the_first(
-    codec: WeightsCodec, round_: int, reward: float | None, samples: int, values: list[float]
+    codec: Codec, round_: int, reward: float | None, samples: int, values: list[float]
 ) -> None:
     encoder = WeightsEncoder(codec)
     encoder.encode(model([0.0] * 8))
@@ -234,11 +226,11 @@ def test_payloads_of_a_codec_have_one_size_after_the_first(
         (FLOAT32, 32, 32),
         (HALF, 16, 16),
         (INT8, 16, 16),  # 8 + 2 x 4
-        (WeightsCodec("topk", 0.25), 32, 16),  # 2 entries of 8 bytes
+        (TopK(0.25), 32, 16),  # 2 entries of 8 bytes
     ],
 )
-def test_a_messages_tensors_take_the_expected_bytes(codec: WeightsCodec, first: int, later: int) -> None:
-    assert (weights_bytes(codec, [6, 2], whole=True), weights_bytes(codec, [6, 2])) == (first, later)
+def test_a_messages_tensors_take_the_expected_bytes(codec: Codec, first: int, later: int) -> None:
+    assert (weights_bytes(codec, SHAPES, whole=True), weights_bytes(codec, SHAPES, whole=False)) == (first, later)
     encoder = WeightsEncoder(codec)
     sizes = [tensor_bytes(encoder.payload(model([1.0] * 8), HEADER)) for _ in range(3)]
     assert sizes == [first, later, later]
@@ -249,50 +241,48 @@ def test_a_frame_takes_the_expected_bytes() -> None:
     assert sizes == {"raw": 1_228_800, "resized": 27_648, "png": None}
 
 
-def sent(codec: WeightsCodec, header: ModelHeader = FIRST, rounds: int = 1) -> bytes:
+def sent(codec: Codec, header: ModelHeader = FIRST, rounds: int = 1) -> bytes:
     encoder = WeightsEncoder(codec)
     return [encoder.payload(model([1, 2, 3, 4, 5, 6, 7, 8]), header) for _ in range(rounds)][-1]
 
 
 @pytest.mark.parametrize("expected", CODECS, ids=lambda codec: codec.name)
 @pytest.mark.parametrize("got", CODECS, ids=lambda codec: codec.name)
-def test_a_payload_of_another_codec_is_refused(got: WeightsCodec, expected: WeightsCodec) -> None:
+def test_a_payload_of_another_codec_is_refused(got: Codec, expected: Codec) -> None:
     if got == expected:
-        assert not is_difference(read_model(sent(got), SHAPES, expected)[0])
+        assert is_whole(expected, read_model(sent(got), SHAPES, expected)[0], SHAPES)
         return
     with pytest.raises(PayloadError, match=expected.name):
         read_model(sent(got), SHAPES, expected)
 
 
-def relabelled(weights: Weights, codec: CodecName) -> bytes:
+def relabelled(weights: Weights, codec: str) -> bytes:
     return encode_model(weights, FIRST.model_copy(update={"codec": codec}))
 
 
 def test_the_header_must_name_the_codec_even_where_the_tensors_fit() -> None:
     weights = model([1.0] * 8)
     with pytest.raises(PayloadError, match="in float32, expected topk"):
-        read_model(encode_model(weights, FIRST), SHAPES, WeightsCodec("topk"))
+        read_model(encode_model(weights, FIRST), SHAPES, TopK())
     with pytest.raises(PayloadError, match="in topk, expected float32"):
         decode_model(relabelled(weights, "topk"), SHAPES)
 
 
 def test_differences_in_a_first_round_are_refused() -> None:
-    codec = WeightsCodec("topk", 0.25)
+    codec = TopK(0.25)
     with pytest.raises(PayloadError, match="expected a whole model in the first round"):
         read_model(sent(codec, FIRST, rounds=2), SHAPES, codec)
 
 
 def test_another_share_is_refused() -> None:
     with pytest.raises(PayloadError, match="expected"):
-        read_model(sent(WeightsCodec("topk", 0.5), HEADER, rounds=2), SHAPES, WeightsCodec("topk", 0.25))
+        read_model(sent(TopK(0.5), HEADER, rounds=2), SHAPES, TopK(0.25))
 
 
 def test_where_both_topk_layouts_are_equally_long_the_names_tell() -> None:
-    codec = WeightsCodec("topk", 0.5)  # 4 x 8 bytes as well as 8 x 4
-    assert [is_difference(read_model(sent(codec, HEADER, rounds), SHAPES, codec)[0]) for rounds in (1, 2)] == [
-        False,
-        True,
-    ]
+    codec = TopK(0.5)  # 4 x 8 bytes as well as 8 x 4
+    read = [read_model(sent(codec, HEADER, rounds), SHAPES, codec)[0] for rounds in (1, 2)]
+    assert [is_whole(codec, tensors, SHAPES) for tensors in read] == [True, False]
 
 
 HALF_NAN = {"a": np.full((2, 3), np.nan, np.float16), "b": np.zeros(2, np.float16)}
@@ -330,7 +320,7 @@ def differences(indices: list[int], value: float = 1.0) -> dict[str, npt.NDArray
     ],
 )
 def test_bad_values_are_refused_and_the_reason_named(
-    codec: WeightsCodec, tensors: dict[str, npt.NDArray[np.generic]], reason: str
+    codec: Codec, tensors: dict[str, npt.NDArray[np.generic]], reason: str
 ) -> None:
     payload = encode_model(tensors, HEADER.model_copy(update={"codec": codec.name}))
     with pytest.raises(PayloadError, match=reason):
@@ -338,7 +328,7 @@ def test_bad_values_are_refused_and_the_reason_named(
 
 
 @given(st.sampled_from(CODECS[1:]), st.data())
-def test_a_flipped_byte_is_read_as_finite_weights_or_refused(codec: WeightsCodec, data: st.DataObject) -> None:
+def test_a_flipped_byte_is_read_as_finite_weights_or_refused(codec: Codec, data: st.DataObject) -> None:
     payload = bytearray(sent(codec, HEADER, rounds=2))
     place = data.draw(st.integers(0, len(payload) - 1))
     payload[place] ^= data.draw(st.integers(1, 255))
@@ -346,13 +336,13 @@ def test_a_flipped_byte_is_read_as_finite_weights_or_refused(codec: WeightsCodec
         tensors, _ = read_model(payload, SHAPES, codec)
     except PayloadError:
         return
-    got = decode(codec, tensors, SHAPES, model([0.0] * 8))
+    got = decoded(codec, tensors, SHAPES, model([0.0] * 8))
     assert all(np.isfinite(tensor).all() for tensor in got.values())
 
 
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
 def test_a_sender_whose_weights_would_be_refused_ends_instead_of_being_asked_for_them_for_ever(
-    codec: WeightsCodec,
+    codec: Codec,
 ) -> None:
     WeightsEncoder(codec).encode(vector(MAX_WEIGHT, -MAX_WEIGHT))
     for value in (10001.0, -10001.0, np.inf, np.nan):
@@ -373,4 +363,4 @@ def test_one_weight_that_is_no_number_makes_the_largest_no_finite_one(dtype: typ
 
 def test_check_takes_whatever_an_encoder_sends() -> None:
     for codec in CODECS:
-        check(encode(codec, model([1.0] * 8), model([0.0] * 8)), SHAPES)
+        check_tensors(codec, codec.encode(model([1.0] * 8), model([0.0] * 8)), SHAPES)

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.codec import ExperienceCodec, experience_bytes
+from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.frames import resize
 from jouleswarm.codecs.observations import decode_experience, encode_experience, largest_png
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.sections import ExperienceCodec
 from jouleswarm.common.wire.messages import MotionHeader, encode_motion
 from jouleswarm.common.wire.tensorfile import encode_tensors, tensor_bytes
 

@@ -14,7 +14,6 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.codec import MAX_WEIGHT
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.wire.messages import (
     MAX_HEADER_BYTES,
@@ -24,12 +23,11 @@ from jouleswarm.common.wire.messages import (
     Presence,
     RoundRequest,
     decode_json,
-    decode_model,
     decode_motion,
     encode_json,
-    encode_model,
     encode_motion,
 )
+from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model
 from jouleswarm.common.wire.saved_models import check_model
 
 WEIGHTS = {

@@ -5,18 +5,20 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from jouleswarm.codecs.codec import CodecName, ExperienceCodec, WeightsCodec
+from jouleswarm.codecs.codec import codec_of, open_codec
 from jouleswarm.codecs.frames import resize
 from jouleswarm.codecs.observations import encode_experience
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_model
+from jouleswarm.common.scenario.sections import ExperienceCodec, Federation
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.datacenter.experience import read_motion
 from jouleswarm.datacenter.parameter_server import ParameterServer
 from jouleswarm.learning.networks import build_qnetwork, to_weights
 
-CODECS: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")
+CODECS: tuple[str, ...] = ("float32", "float16", "int8", "topk")
 EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
 HEADER = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=20, rewards={1: (1, 1.0)})
 MOTION = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0, first=True, terminated=False)
@@ -26,11 +28,11 @@ MakeScenario = Callable[..., Scenario]
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: MakeScenario, codec: CodecName) -> None:
+def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: MakeScenario, codec: str) -> None:
     scenario = make_scenario(federation={"codec": codec}, methods=["fedavg"])
     server, weights = ParameterServer(scenario), to_weights(build_qnetwork(scenario.network, 1))
     for sent in CODECS:
-        payload = WeightsEncoder(WeightsCodec(sent)).payload(weights, HEADER)
+        payload = WeightsEncoder(open_codec(sent, Federation())).payload(weights, HEADER)
         if sent == codec:
             assert server.read(payload, 1, 1)[:2] == (1, 0)
         else:
@@ -41,7 +43,7 @@ def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: Ma
 def test_a_first_round_of_differences_is_refused_before_it_can_do_harm(make_scenario: MakeScenario) -> None:
     scenario = make_scenario(federation={"codec": "topk"}, methods=["fedavg"])
     weights = to_weights(build_qnetwork(scenario.network, 1))
-    encoder = WeightsEncoder(scenario.federation.weights_codec)
+    encoder = WeightsEncoder(codec_of(scenario))
     _, differences = encoder.encode(weights), encoder.encode(weights)
     payload = encode_model(differences, HEADER.model_copy(update={"codec": "topk"}))
     with pytest.raises(PayloadError, match="expected a whole model in the first round"):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from jouleswarm.common.disk.state import Array
 from jouleswarm.common.errors import RunError, TrainingError
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.arms import META_METHODS, Method
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import Array
 from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
 from jouleswarm.datacenter.metalearner import Gradients, MetaLearner
 

@@ -21,11 +21,10 @@ from jouleswarm.common.wire.messages import (
     RoundRequest,
     Wait,
     decode_json,
-    decode_model,
     encode_json,
-    encode_model,
     encode_motion,
 )
+from jouleswarm.common.wire.models import decode_model, encode_model
 from jouleswarm.datacenter.central import CentralLearner
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
 from jouleswarm.datacenter.experience import read_motion

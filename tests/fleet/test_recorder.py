@@ -16,15 +16,8 @@ from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    Acknowledgement,
-    ModelHeader,
-    Presence,
-    Wait,
-    decode_json,
-    encode_json,
-    encode_model,
-)
+from jouleswarm.common.wire.messages import Acknowledgement, ModelHeader, Presence, Wait, decode_json, encode_json
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.recorder import Recorder
 from jouleswarm.runs.directory import MANIFEST, RunDirectory

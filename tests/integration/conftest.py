@@ -23,7 +23,8 @@ import safetensors.numpy
 
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.arms import METHODS
-from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.saved_models import check_model
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,8 @@ import safetensors.numpy
 
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.learning.networks import build_qnetwork, observations, to_weights
 from jouleswarm.simulation import Outcome, run_in_memory

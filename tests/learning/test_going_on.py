@@ -9,19 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jouleswarm.codecs.codec import WeightsCodec
+from jouleswarm.codecs.codec import Codec
+from jouleswarm.codecs.floats import FLOAT32, Float16
+from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
+from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.disk.state import State, StateFile, Stateful
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.scenario.sections import Learning, Network
-from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.learning.learner import Learner, Policy
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 from jouleswarm.learning.replay import Replay
 from jouleswarm.methods.ledger import RewardLedger
 
 NETWORK = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
-CODECS = [WeightsCodec("float32"), WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.1)]
+CODECS = [FLOAT32, Float16(), Int8(), TopK(0.1)]
 Weights = dict[str, Any]
 
 
@@ -200,7 +204,7 @@ def test_a_reward_ledger_goes_on_with_exact_rewards(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
-def test_an_encoder_and_its_decoder_go_on_with_the_same_messages(codec: WeightsCodec, tmp_path: Path) -> None:
+def test_an_encoder_and_its_decoder_go_on_with_the_same_messages(codec: Codec, tmp_path: Path) -> None:
     rng, model = np.random.default_rng(1), start()
     shapes = shapes_of(build_qnetwork(NETWORK))
     encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, shapes)
@@ -224,7 +228,7 @@ def test_an_encoder_and_its_decoder_go_on_with_the_same_messages(codec: WeightsC
 
 
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
-def test_an_encoder_that_has_said_nothing_yet_says_a_whole_model_first(codec: WeightsCodec, tmp_path: Path) -> None:
+def test_an_encoder_that_has_said_nothing_yet_says_a_whole_model_first(codec: Codec, tmp_path: Path) -> None:
     ours, theirs = WeightsEncoder(codec), WeightsEncoder(codec)
     through_a_file(ours, theirs, tmp_path)
     header = ModelHeader(task=1, agent=1, round=1)

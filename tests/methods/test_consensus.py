@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.codec import CodecName, WeightsCodec
+from jouleswarm.codecs.codec import Codec, open_codec
 from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.codecs.topk import TopK
+from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.methods.consensus import default_step, mix, mixing_weights
 
 Model = dict[str, npt.NDArray[np.float32]]
@@ -64,20 +66,20 @@ def test_a_robot_keeps_the_precision_that_its_message_had_not() -> None:
 
 
 @pytest.mark.parametrize("codec", ["float16", "int8", "topk"])
-def test_two_robots_that_mix_by_a_lossy_codec_come_together_at_their_mean(codec: CodecName) -> None:
+def test_two_robots_that_mix_by_a_lossy_codec_come_together_at_their_mean(codec: str) -> None:
     share = 0.05 if codec == "topk" else 1.0
-    distance, centre = distances(WeightsCodec(codec, 0.05), default_step(1, share), rounds=400)
+    distance, centre = distances(open_codec(codec, Federation(topk_share=0.05)), default_step(1, share), rounds=400)
     # steps of 1/127 of the largest weight, about 3, are not told apart; float16 and topk tell smaller ones
     assert distance[-1] < (3 / 127 if codec == "int8" else 1e-3 * distance[0])
     assert centre < 1e-5
 
 
 def test_with_few_entries_a_message_the_full_step_drives_robots_apart() -> None:
-    distance, _ = distances(WeightsCodec("topk", 0.05), default_step(1), rounds=40)
+    distance, _ = distances(TopK(0.05), default_step(1), rounds=40)
     assert distance[-1] > 100 * distance[0]
 
 
-def distances(codec: WeightsCodec, step: float, rounds: int) -> tuple[list[float], float]:
+def distances(codec: Codec, step: float, rounds: int) -> tuple[list[float], float]:
     """How far two robots that learn nothing are apart after each round, and how far their mean has moved."""
     rng = np.random.default_rng(1)
     models = [{"w": rng.normal(size=200).astype(np.float32)} for _ in range(2)]

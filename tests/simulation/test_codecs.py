@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jouleswarm.codecs.codec import ExperienceCodec, Weights, WeightsCodec, experience_bytes, weights_bytes
+from jouleswarm.codecs.codec import Codec, codec_of
+from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import ExperienceCodec
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_motion
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
+from jouleswarm.runs.sizes import weights_bytes
 from jouleswarm.simulation import Outcome, run_in_memory
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
@@ -43,7 +47,7 @@ def meta_model(scenario: Scenario) -> Weights:
     return {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
 
 
-def header_bytes(codec: WeightsCodec, model: Weights, robots: int) -> tuple[int, int]:
+def header_bytes(codec: Codec, model: Weights, robots: int) -> tuple[int, int]:
     """What a message has besides its tensors, the first one and a later one."""
     encoder = WeightsEncoder(codec)
     header = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=1)
@@ -51,12 +55,12 @@ def header_bytes(codec: WeightsCodec, model: Weights, robots: int) -> tuple[int,
     return len(first) - tensor_bytes(first), len(later) - tensor_bytes(later)
 
 
-def expected(codec: WeightsCodec, model: Weights, robots: int, first: int, later: int) -> tuple[int, int]:
+def expected(codec: Codec, model: Weights, robots: int, first: int, later: int) -> tuple[int, int]:
     """(messages, payload bytes) of so many first and later weights messages."""
-    sizes = [tensor.size for tensor in model.values()]
+    shapes = {name: tensor.shape for name, tensor in model.items()}
     headers = header_bytes(codec, model, robots)
-    first_bytes = weights_bytes(codec, sizes, whole=True) + headers[0]
-    later_bytes = weights_bytes(codec, sizes) + headers[1]
+    first_bytes = weights_bytes(codec, shapes, whole=True) + headers[0]
+    later_bytes = weights_bytes(codec, shapes, whole=False) + headers[1]
     return first + later, first * first_bytes + later * later_bytes
 
 
@@ -76,7 +80,7 @@ def _is(row: MeterRow, arm: str, link: str, word: str) -> bool:
 def test_every_method_completes_and_moves_the_expected_bytes(codec: str) -> None:
     scenario = small(f"federation.codec='{codec}'", "methods=['maml','fl','fedavg','centralized']")
     outcome = run_in_memory(scenario)
-    lossy = scenario.federation.weights_codec
+    lossy = codec_of(scenario)
     model, meta = (lossy, network(scenario)), (lossy, meta_model(scenario))
     # 2 clusters of 2 robots: 4 directed sidelinks, 4 robots that send up and receive
     for arm in ("maml", "fl"):
