@@ -13,6 +13,7 @@ import typer.main
 import yaml
 
 from jouleswarm.cli.main import app
+from tests.test_layout import FLOORS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
@@ -98,3 +99,38 @@ def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
         "Bennis",
     ]
     assert f"## {project['version']} " in (ROOT / "CHANGELOG.md").read_text()
+
+
+def undefined_steps(text: str) -> list[str]:
+    """Functions that a numbered step names after a link to their file, and the file does not define."""
+    undefined = []
+    for step in re.findall(r"^\d+\. (.*)$", text, re.M):
+        for target, names in re.findall(r"\]\(\.\./([\w./]+\.py)\)((?:,? `\w+`)+)", step):
+            source = (ROOT / target).read_text()
+            for name in re.findall(r"\w+", names):
+                undefined += [] if re.search(rf"\b(?:def|class) {name}\b", source) else [f"{target} {name}"]
+    return undefined
+
+
+def test_each_step_of_the_three_ways_is_in_the_code_and_no_way_is_long() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    ways = text.split("\n### ")[1:]
+    assert [way.splitlines()[0] for way in ways] == [
+        "An observation",
+        "A robot's weights",
+        "A counted byte, to a joule",
+    ]
+    assert [undefined_steps(way) for way in ways] == [[], [], []]
+    assert all(8 <= len(re.findall(r"^\d+\. ", way, re.M)) <= 12 for way in ways)
+
+
+def test_a_step_that_is_not_in_the_code_is_found() -> None:
+    told = "1. [dqn.py](../jouleswarm/learning/dqn.py) `td_loss`, `td_lost`: a step"
+    assert undefined_steps(told) == ["jouleswarm/learning/dqn.py td_lost"]
+
+
+def test_the_drawing_of_rooms_has_each_room_on_its_floor() -> None:
+    drawing = (ROOT / "docs" / "architecture.md").read_text().split("```")[1]
+    floors = {int(line.split()[0]): line for line in drawing.splitlines() if re.match(r" \d  ", line)}
+    for floor, rooms in enumerate(FLOORS[:-1]):
+        assert all(re.search(rf"\b{room}\b", floors[floor]) for room in rooms), floor
