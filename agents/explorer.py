@@ -152,7 +152,7 @@ class Explorer:
         network, codec = self._scenario.network, self._scenario.meta.experience_codec
         if self._is_under_way:
             frame, info = self._env.look()
-        for motion in range(self._scenario.learning.motions_per_round):
+        for motion in range(self._scenario.motions(self._agent)):
             first = not self._is_under_way
             if first:
                 frame, info = self._env.reset(options={"start": _choose(self._starts, rng)})
@@ -191,7 +191,7 @@ class Explorer:
         """
         while len(self._places) <= round_:
             rng, place = self._meta_stream(len(self._places)), self._places[-1]
-            for _ in range(self._scenario.learning.motions_per_round):
+            for _ in range(self._scenario.motions(self._agent)):
                 cell, done = place or (_choose(self._meta_starts, rng), 0)
                 cell = move(cell, self._table_action(cell, rng), self._map.rows, self._map.cols)
                 is_over = cell == self._map.exit or done + 1 >= self._scenario.world.max_motions

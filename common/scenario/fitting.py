@@ -73,11 +73,12 @@ def _network(network: Network) -> Iterator[str]:
 
 def _empty_draws(scenario: Scenario) -> Iterator[str]:
     """The data center learns from a motion once the next one of its episode has come (see datacenter/experience.py)."""
-    drawing = [method for method in scenario.methods if method in (*scenario.meta_methods, "centralized")]
-    for section, name in (("learning", "motions_per_round"), ("world", "max_motions")):
-        if drawing and getattr(getattr(scenario, section), name) < 2:
+    drawing = scenario.experience_methods
+    fewest = min(map(scenario.motions, scenario.agents))
+    for name, value in (("learning.motions_per_round", fewest), ("world.max_motions", scenario.world.max_motions)):
+        if drawing and value < 2:
             yield (
-                f"{section}.{name} is 1 and methods has {', '.join(drawing)}: the data center would have rounds "
+                f"{name} is 1 and methods has {', '.join(drawing)}: the data center would have rounds "
                 "without a motion and the one after it to learn from; expected 2 or more"
             )
 
@@ -101,28 +102,26 @@ def _space(scenario: Scenario) -> Iterator[str]:
     camera, network, learning, meta = scenario.camera, scenario.network, scenario.learning, scenario.meta
     taken, seen = 4 * camera.width * camera.height, 4 * network.width * network.height
     largest = max(map(len, scenario.clusters.values()))
-    together = largest if "centralized" in scenario.methods else 1
+    together = largest if scenario.is_learned_centrally else 1
     training = sum(map(len, scenario.training_agents.values())) if scenario.meta_methods else 0
+    batches, motions = max(map(scenario.batches, scenario.agents)), max(map(scenario.motions, scenario.agents))
     draws = meta.support_batches + meta.query_batches
     views = math.prod((3, scenario.world.rows, scenario.world.cols, taken // 4 + 1, 4))  # see landmarks/camera.py
     kept = {
         "camera.width x camera.height x world.rows x world.cols": views,
         "learning.replay_size x network.width x network.height": learning.replay_size * seen * together,
         "learning.batches_per_round x learning.batch_size x network.width x network.height": (
-            10 * learning.batches_per_round * learning.batch_size * seen * together
+            10 * batches * learning.batch_size * seen * together
         ),
-        "learning.motions_per_round x camera.width x camera.height": learning.motions_per_round * taken * together,
+        "learning.motions_per_round x camera.width x camera.height": motions * taken * together,
     }
     if scenario.meta_methods:
-        tasks = len(meta.training_tasks)
         kept |= {
-            "meta.replay_size x network.width x network.height": tasks * meta.replay_size * seen,
+            "meta.replay_size x network.width x network.height": training * meta.replay_size * seen,
             "meta.support_batches + meta.query_batches x meta.batch_size x network.width x network.height": (
-                8 * tasks * draws * meta.batch_size * seen
+                8 * training * draws * meta.batch_size * seen
             ),
-            "learning.motions_per_round x network.width x network.height": (
-                2 * training * learning.motions_per_round * seen
-            ),
+            "learning.motions_per_round x network.width x network.height": 2 * training * motions * seen,
         }
     for names, size in kept.items():
         if size > MAX_KEPT_BYTES:

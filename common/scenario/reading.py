@@ -12,14 +12,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from jouleswarm.common.doors import trial_of
+from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
 
-DOORS = "doors"
-"""Folder of a run directory with the user's files that came in by doors."""
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 
 

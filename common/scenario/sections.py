@@ -35,6 +35,8 @@ Pue = Annotated[float, Field(ge=1, le=1e3)]
 BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
 CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
 
+_TOPOLOGIES = ("full", "ring", "random")
+
 Value = TypeVar("Value")
 
 
@@ -76,6 +78,16 @@ class Task(Section):
         None, description="position-reward table, row by row, in place of the one made from the map"
     )
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
+    motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
+    batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
+
+
+class Robot(Section):
+    """What one robot has of its own, by its number: robots are numbered from 1 in the order of the tasks."""
+
+    id: Id
+    motions_per_round: Motions | None = Field(None, description="|E_ik|; default its task's")
+    batches_per_round: Batches | None = Field(None, description="B_ik; default its task's")
 
 
 class Camera(Section):
@@ -120,6 +132,13 @@ class Learning(Section):
     replay_size: Frames = 2000
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
+    init: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="a model to begin from in place of random weights, beside the scenario: a file of a run's weights/ "
+        "(.safetensors). Of robots without a stage before, of the stage itself, and of central learners",
+    )
     starts: Starts = Field(
         "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"
     )
@@ -129,7 +148,7 @@ class Federation(Section):
     """Decentralized federated averaging inside a cluster, eq. (6)."""
 
     robots_per_cluster: Robots = 2
-    topology: Literal["full", "ring", "random"] = "full"
+    topology: str = Field("full", description="full, ring, random, or a file of the graph's edges: NAME.csv")
     degree: Robots = Field(2, description="neighbours of each robot under the random topology")
     step: float | None = Field(
         None,
@@ -164,6 +183,18 @@ class Federation(Section):
     max_rounds: Rounds = 200
     target_reward: float = Field(50.0, ge=-1e9, le=1e9)
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
+
+    @field_validator("topology")
+    @classmethod
+    def _is_a_rule_or_a_file(cls, topology: str) -> str:
+        if topology not in _TOPOLOGIES and not topology.endswith(".csv"):
+            raise ValueError(f"got {topology!r:.60}, expected {', '.join(_TOPOLOGIES)}, or a file of edges, NAME.csv")
+        return topology
+
+    @property
+    def has_own_edges(self) -> bool:
+        """Whether the graph is the user's own."""
+        return self.topology not in _TOPOLOGIES
 
 
 class Meta(Section):

@@ -86,7 +86,7 @@ class MotionHeader(Header):
 
 
 class Presence(Header):
-    """Where a process stands: its `stage` only grows (see agents/agent.py).
+    """Where a process stands: its `stage` only grows (see agents/robot.py).
 
     done: it has ended, and nobody needs it any more; the recorder removes this when the run is over. Of the recorder
     itself, that the whole run is recorded.

@@ -21,7 +21,7 @@ class RoundRow(BaseModel):
     reward: float | None = None
     """Discounted return of the robot's greedy episode from the entry."""
     cluster_reward: float | None = None
-    """R, which decides whether the task is learned: see agents/neighbourhood.py."""
+    """R, which decides whether the task is learned: see methods/ledger.py."""
     rmse_m: float | None = None
     gradients: int = 0
     """Batch gradients really computed; of the data center support + query."""

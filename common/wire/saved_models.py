@@ -98,7 +98,20 @@ def check_model(payload: Payload) -> SavedModelHeader:
     Raises:
         PayloadError: not a safetensors file with a model's metadata, or values that no receiver would take.
     """
+    return _read(payload)[1]
+
+
+def read_saved_model(payload: Payload) -> dict[str, Array]:
+    """The tensors of a model that was handed in.
+
+    Raises:
+        PayloadError: as `check_model`.
+    """
+    return _read(payload)[0]
+
+
+def _read(payload: Payload) -> tuple[dict[str, Array], SavedModelHeader]:
     tensors, header = decode_floats(payload, SavedModelHeader, "model")
     for name, tensor in tensors.items():
         check_weights(name, tensor)
-    return header
+    return tensors, header

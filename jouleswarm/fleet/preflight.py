@@ -15,7 +15,6 @@ from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.runs.sizes import meta_model_shapes, model_shapes, weights_bytes
@@ -70,12 +69,11 @@ def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
     sizes = [(weights_bytes(FLOAT32, model, whole=True), topics.learned(run, scenario.arms[0].name, task))]
     sent = max(weights_bytes(codec, model, whole=whole) for whole in (True, False))
     sizes.append((sent, topics.weights(run, scenario.arms[0].name, task, min(robots))))
-    for method in {arm.method for arm in scenario.arms}:
-        if method in META_METHODS:
-            largest = max(weights_bytes(each, meta_model, whole=True) for each in (FLOAT32, codec))
-            sizes.append((largest, topics.meta_model(run, method)))
-        if method in META_METHODS or method == "centralized":
-            sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
+    for method in scenario.meta_methods:
+        largest = max(weights_bytes(each, meta_model, whole=True) for each in (FLOAT32, codec))
+        sizes.append((largest, topics.meta_model(run, method)))
+    for method in scenario.experience_methods:
+        sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
     return max(sizes)
 
 

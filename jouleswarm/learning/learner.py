@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,9 @@ from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
 from jouleswarm.learning.networks import build_qnetwork, load_weights, observations, to_weights
 from jouleswarm.learning.replay import Batch, Replay
+
+Penalty = Callable[[Mapping[str, Tensor], Mapping[str, Tensor]], Tensor | float]
+"""Of the parameters, and of those at the round's beginning."""
 
 
 class Policy:
@@ -63,15 +66,19 @@ class Learner(Policy):
         rng: np.random.Generator,
         replay_file: Path | None = None,
         tally: Tally | None = None,
+        penalty: Penalty | None = None,
     ) -> None:
         """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state.
 
-        `tally`: counts each batch gradient as it is computed, also of a round that is not kept.
+        `tally`: counts each batch gradient as it is computed, also of a round that is not kept; `penalty`: added to
+        every loss.
         """
         super().__init__(network, weights)
         self._settings = settings
         self._rng = rng
         self._tally = tally or Tally()
+        self._penalty = penalty
+        self._start: dict[str, Tensor] = {}
         self._target = build_qnetwork(network).requires_grad_(False)
         load_weights(self._target, weights)
         self._parameters = list(self.online.parameters())
@@ -90,6 +97,8 @@ class Learner(Policy):
         """
         if not len(self.replay):
             return 0
+        if self._penalty is not None:
+            self._start = {name: value.detach().clone() for name, value in self.online.named_parameters()}
         drawn = [self.replay.sample(self._settings.batch_size, self._rng) for _ in range(batches)]
         next_q = self._next_q_in_one_batch(drawn) if self._target_rests(batches) else None
         losses = [self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)]
@@ -142,6 +151,8 @@ class Learner(Policy):
                 double=settings.double,
             )
         loss = td_loss(self.online(observations(batch.frames)), torch.from_numpy(batch.actions), target)
+        if self._penalty is not None:
+            loss = loss + self._penalty(dict(self.online.named_parameters()), self._start)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.process import use_one_thread

@@ -130,8 +130,8 @@ def test_what_is_learned_from_experience_is_the_same_to_the_bit(codec: str, raw:
     assert outcome.learned == raw.learned
     assert outcome.snapshots == raw.snapshots
     assert {row.refused for row in outcome.rows} == {0}
-    for arm in ("maml", "centralized"):
-        moved, raw_moved = (delivered(each, arm, "ul", "experience") for each in (outcome, raw))
+    for arm, word in (("maml", "experience"), ("centralized", "transition")):
+        moved, raw_moved = (delivered(each, arm, "ul", word) for each in (outcome, raw))
         assert moved[0] == raw_moved[0]
         assert moved[1] < raw_moved[1]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import stream
-from jouleswarm.learning.heads import head_of
 from jouleswarm.learning.meta import TensorBatch, make_loss, meta_gradient, to_tensors
 from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.replay import Batch
@@ -51,10 +50,12 @@ class Cost:
         return max(1.0, (exact / plain - self.support_batches) / self.query_batches)
 
 
-def measure_beta(scenario: Scenario, method: str, inner_steps: int | None = None, repeats: int = 3) -> Cost:
+def measure_beta(
+    scenario: Scenario, adapts: Collection[str] | None = None, inner_steps: int | None = None, repeats: int = 3
+) -> Cost:
     """Measure on made-up batches of the scenario's network, with `inner_steps` (default the scenario's) a meta-update.
 
-    Both kinds are timed in turn, after one of each that is not counted.
+    Both kinds are timed in turn, after one of each that is not counted. `adapts`: parameters that adapt, default all.
     """
     inner = scenario.meta.inner_steps if inner_steps is None else inner_steps
     model = build_qnetwork(scenario.network, 1)
@@ -63,11 +64,9 @@ def measure_beta(scenario: Scenario, method: str, inner_steps: int | None = None
     share = scenario.meta.query_batches / scenario.meta.support_batches
     support, query = _batches(scenario, inner), _batches(scenario, max(1, round(inner * share)))
 
-    head = head_of(model) if method == "anil" else None
-
     def run(*, exact: bool) -> None:
         clip, lr = scenario.learning.grad_clip, scenario.meta.inner_lr
-        meta_gradient(params, support, query, loss, lr, exact=exact, clip=clip, inner=head)
+        meta_gradient(params, support, query, loss, lr, exact=exact, clip=clip, inner=adapts)
 
     kinds = (lambda: run(exact=True)), (lambda: run(exact=False))
     flops = [_flops(each) for each in kinds]  # also the first run of each, which is not timed
