@@ -22,7 +22,7 @@ from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import integer, stream
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
 from jouleswarm.learning.learner import Learner, Weights
@@ -94,7 +94,7 @@ class Robot:
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
-        network, settings = build_qnetwork(scenario.network), scenario.meta
+        network, settings = build_qnetwork(scenario), scenario.meta
         shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
         self.exchange = Exchange(bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows)
         self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
@@ -104,7 +104,7 @@ class Robot:
     def initial_weights(self) -> Weights:
         """Random weights, the same for all robots of a cluster, as federated averaging needs."""
         seed = integer(self.scenario.seed, "initial weights", self.task)
-        return to_weights(build_qnetwork(self.scenario.network, seed))
+        return to_weights(build_qnetwork(self.scenario, seed))
 
     def meta_learn(self, arm: Arm) -> Weights:
         """Send experience up while the data center asks for it; return the meta-model that `arm` starts from."""
@@ -126,7 +126,8 @@ class Robot:
         scenario, settings, here = self.scenario, self.scenario.federation, self.exchange.here
         rng = stream(scenario.seed, arm.name, "learn", self.agent)
         tally = self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
-        learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames, tally)
+        network = build_qnetwork(scenario)
+        learner = Learner(network, scenario.learning, weights, rng, self.memory.frames, tally)
         sharing = sharing_of(arm, self.exchange, scenario, len(here.neighbours))
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window, may_miss=may_miss)
@@ -144,7 +145,7 @@ class Robot:
             begun = time.monotonic()
             samples = self.explorer.collect(learner, scenario.learning.motions_per_round)
             gradients = learner.learn(scenario.learning.batches_per_round)
-            reward, rmse_m = self.explorer.evaluate(learner)
+            reward, measures = self.explorer.evaluate(learner)
 
             ledger.record(self.agent, round_, reward)
             mine = learner.weights()
@@ -164,7 +165,7 @@ class Robot:
                 update={
                     "reward": reward,
                     "cluster_reward": cluster_reward,
-                    "rmse_m": rmse_m,
+                    **measured(measures),
                     "gradients": gradients,
                     "learned": learned if last else None,
                     "missed": self.exchange.missed,
@@ -178,7 +179,7 @@ class Robot:
                 learner.set_weights(self.exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
         if self.agent == min({*scenario.cluster(self.task)}.difference(self.exchange.missed)):
-            self.exchange.hand_in(encode_saved_model(mine, header, use_of(scenario.network), self.explorer.evaluation))
+            self.exchange.hand_in(encode_saved_model(mine, header, use_of(scenario), self.explorer.evaluation))
         self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
 
     def follow(self, arm: Arm, weights: Weights) -> None:

@@ -12,10 +12,10 @@ from jouleswarm.common.disk.state import Stateful
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import Episode, ModelHeader
-from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.learning.learner import Policy, Weights
-from jouleswarm.learning.networks import use_of
+from jouleswarm.learning.networks import build_qnetwork, use_of
 from jouleswarm.methods.ledger import RewardLedger
 
 
@@ -26,7 +26,7 @@ def follow(
     here, settings = exchange.here, scenario.federation
     link = ServerLink(exchange)
     link.hear_episodes()
-    policy = Policy(scenario.network, weights)
+    policy = Policy(build_qnetwork(scenario), weights)
     ledger = RewardLedger(here.cluster, 1, settings.reward_window)
     explorer.begin(arm.name, here.cluster)
     kept: dict[str, Stateful] = {
@@ -42,7 +42,7 @@ def follow(
         for payload in explorer.policy_motions(policy, round_):
             link.publish_motion(round_, payload)
         policy.set_weights(link.await_model(round_)[0])
-        reward, rmse_m = explorer.evaluate(policy)
+        reward, measures = explorer.evaluate(policy)
 
         link.publish_episode(Episode(agent=here.agent, round=round_, reward=reward))
         for agent, theirs in {here.agent: reward, **link.await_episodes(round_)}.items():
@@ -59,10 +59,10 @@ def follow(
                 round=round_,
                 reward=reward,
                 cluster_reward=cluster_reward,
-                rmse_m=rmse_m,
                 learned=learned if last else None,
                 refused=exchange.refused,
                 seconds=round(time.monotonic() - begun, 4),
+                **measured(measures),
             )
         )
         if last:
@@ -72,6 +72,6 @@ def follow(
         header = ModelHeader(
             task=here.task, agent=here.agent, round=round_, reward=cluster_reward, rewards=ledger.newest()
         )
-        use = use_of(scenario.network)
+        use = use_of(scenario)
         exchange.hand_in(encode_saved_model(policy.weights(), header, use, explorer.evaluation))
     memory.save(arm.name, round_, {"exchange": exchange}, ended=True)

@@ -25,8 +25,15 @@ Kind = Literal["environments", "networks", "methods", "codecs", "prices"]
 
 # By name and not by import: this is the ground floor, and a process loads only what its scenario asks for.
 SHIPPED: dict[Kind, dict[str, str]] = {
-    "environments": {},
-    "networks": {},
+    "environments": {
+        "landmarks": "jouleswarm.environments.landmarks.factory:landmarks",
+        "cartpole": "jouleswarm.environments.cartpole:CartPole",
+        "minigrid": "jouleswarm.environments.minigrid:minigrid",
+    },
+    "networks": {
+        "mlp": "jouleswarm.learning.qnetwork:mlp",
+        "deepmind": "jouleswarm.learning.qnetwork:deepmind",
+    },
     "methods": {},
     "codecs": {},
     "prices": {},
@@ -45,9 +52,9 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
     Raises:
         ConfigurationError: nothing goes by that name, or its module cannot be imported: one line that says why.
     """
-    known = words(kind)
-    target = name if ":" in name else known.get(name)
+    target = name if ":" in name else SHIPPED[kind].get(name) or words(kind).get(name)
     if target is None:
+        known = words(kind)
         close = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ConfigurationError(f"{_one(kind)} {name!r}: expected {_choice(known)} or module:name{hint}")

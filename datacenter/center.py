@@ -114,7 +114,7 @@ def meta_train(
         gradients = learner.learn(round_)
         if round_ in {*settings.snapshots, *arms}:
             weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            saved = encode_saved_model(weights, header, use_of(scenario.network), heads=learner.meta_model.tasks)
+            saved = encode_saved_model(weights, header, use_of(scenario), heads=learner.meta_model.tasks)
             reporter.deliver(topics.snapshot(run, method, round_), saved)
             if round_ in arms:
                 # Robots have nothing yet that it could build on: an encoder of its own for each.

@@ -73,7 +73,7 @@ class CentralLearner:
         robots, learning = len(scenario.cluster(task)), scenario.learning
         sizes = {"replay_size": robots * learning.replay_size, "motions_per_round": robots * learning.motions_per_round}
         settings = learning.model_copy(update=sizes)
-        weights = to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
+        weights = to_weights(build_qnetwork(scenario, integer(scenario.seed, "initial weights", task)))
         frames = self._folder / f"frames-{task}.bin" if self._folder else None
         rng = stream(scenario.seed, METHOD, "learn", task)
-        return Learner(scenario.network, settings, weights, rng, frames, self._tally(task))
+        return Learner(build_qnetwork(scenario), settings, weights, rng, frames, self._tally(task))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.codecs.observations import decode_experience
 from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.learning.replay import Replay
@@ -18,9 +19,9 @@ from jouleswarm.learning.replay import Replay
 
 @dataclass(frozen=True)
 class Motion:
-    """One motion: the frame at the network's size, uint8 [height, width, 4], and what the payload weighed."""
+    """One motion: what was seen, as a replay memory keeps it, and what the payload weighed."""
 
-    frame: npt.NDArray[np.uint8]
+    frame: npt.NDArray[Any]
     header: MotionHeader
     payload_bytes: int = 0
 
@@ -29,11 +30,13 @@ def read_motion(payload: Payload, scenario: Scenario) -> Motion:
     """A motion from the uplink.
 
     Raises:
-        PayloadError: it is none of this scenario's frame size and codec.
+        PayloadError: it is none of this scenario's observations, actions and codec.
     """
-    camera, network = scenario.camera, scenario.network
-    codec, sizes = scenario.meta.experience_codec, ((camera.width, camera.height), (network.width, network.height))
-    frame, header = decode_experience(payload, codec, *sizes)
+    spaces = scenario.spaces
+    kept = spaces.observation.kept(scenario.network)
+    frame, header = decode_experience(payload, scenario.meta.experience_codec, spaces.observation, kept)
+    if header.action >= (actions := len(spaces.actions)):
+        raise PayloadError(f"motion of robot {header.agent}: action {header.action}, expected 0 to {actions - 1}")
     return Motion(frame, header, len(payload))
 
 

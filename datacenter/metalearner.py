@@ -60,7 +60,7 @@ class MetaLearner:
         self._tally = tally
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = compute_device()
-        self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
+        self._model = build_qnetwork(scenario, integer(scenario.seed, "initial meta-model")).to(self._device)
         self._head = head_of(self._model)
         tasks = self._settings.training_tasks
         self.meta_model = MetaModel(self._model, tasks if self._settings.heads == "per_task" else ())
@@ -141,10 +141,10 @@ class MetaLearner:
         return Gradients(support + query, 0) if plain else Gradients(support, query)
 
     def _replay(self, task: int, folder: Path | None) -> Replay:
-        network, learning = self._scenario.network, self._scenario.learning
+        learning = self._scenario.learning
         spare = 2 * learning.motions_per_round * len(self._scenario.training_agents[task])
         frames = folder and folder / f"frames-{task}.bin"
-        return Replay(self._settings.replay_size, network.height, network.width, frames, spare)
+        return Replay(self._settings.replay_size, self._model.takes, frames, spare)
 
     def _gradient(self, task: int, batches: Batches) -> tuple[Params, Params]:
         """A task's meta-gradient and the model that its target network follows."""
@@ -175,7 +175,8 @@ class MetaLearner:
         support = [replay.sample(settings.batch_size, rng, newest) for _ in range(settings.support_batches)]
         query = [replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)]
         return Batches(
-            [to_tensors(each, self._device) for each in support], [to_tensors(each, self._device) for each in query]
+            [to_tensors(each, self._model, self._device) for each in support],
+            [to_tensors(each, self._model, self._device) for each in query],
         )
 
     def _split(self, batches: Batches) -> list[Batches]:

@@ -34,7 +34,7 @@ class ParameterServer:
     def __init__(self, scenario: Scenario, folder: Path | None = None, tally: TallyOf = nobody) -> None:
         """`folder`: not needed, everything is in `state`; `tally`: no gradient is computed here."""
         self._clusters = scenario.clusters
-        self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
+        self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
         self._codec = scenario.federation.weights_codec
         window = scenario.federation.reward_window
         self._ledgers = {task: RewardLedger(cluster, 1, window) for task, cluster in scenario.clusters.items()}

@@ -18,11 +18,18 @@ from jouleswarm.common.errors import PayloadError
 
 MAX_HEADER_BYTES = 64 * 1024
 _DTYPES: dict[str, np.dtype[Any]] = {
+    "F64": np.dtype("<f8"),
     "F32": np.dtype("<f4"),
     "F16": np.dtype("<f2"),
+    "I64": np.dtype("<i8"),
     "I32": np.dtype("<i4"),
+    "I16": np.dtype("<i2"),
     "I8": np.dtype("i1"),
+    "U64": np.dtype("<u8"),
+    "U32": np.dtype("<u4"),
+    "U16": np.dtype("<u2"),
     "U8": np.dtype("u1"),
+    "BOOL": np.dtype("bool"),
 }
 _CODES = {dtype: code for code, dtype in _DTYPES.items()}
 _MALFORMED = (
@@ -34,6 +41,11 @@ _MALFORMED = (
     struct.error,
     safetensors.SafetensorError,
 )
+
+
+def code_of(dtype: str) -> str:
+    """What safetensors calls a NumPy dtype."""
+    return _CODES[np.dtype(dtype)]
 
 
 class Header(BaseModel):

@@ -173,18 +173,6 @@ def weights_bytes(codec: WeightsCodec, tensor_entries: Sequence[int], *, whole: 
     return 4 * entries
 
 
-def experience_bytes(codec: ExperienceCodec, camera: tuple[int, int], network: tuple[int, int]) -> int | None:
-    """Bytes of one motion's frame, header apart; None where it depends on the picture (png).
-
-    Args:
-        camera, network: (width, height) of the camera's frame and of the network's input, pixels of 4 bytes.
-    """
-    if codec == "png":
-        return None
-    width, height = camera if codec == "raw" else network
-    return 4 * width * height
-
-
 def _check_steps(name: str, steps: Array, scale: float) -> None:
     if not math.isfinite(scale):
         raise PayloadError(f"{name}{_SCALE} is not finite")

@@ -39,7 +39,9 @@ from jouleswarm.fleet.preflight import check_largest_message
 from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
 from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
+from jouleswarm.runs.interface import interface_of
 from jouleswarm.runs.run import other_version, read_manifest
 from jouleswarm.runs.summary import SCHEMA
 from jouleswarm.runs.traffic import DATA_CENTER
@@ -193,6 +195,7 @@ def _check(scenario: Scenario, options: Options) -> None:
         _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
+    try_out(scenario)
 
 
 def _check_open_files(clients: int) -> None:
@@ -264,6 +267,7 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
+    try_out(scenario)
     with ExitStack() as stack:
         directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))
         stack.enter_context(telling_what_is_kept(directory.path))
@@ -284,6 +288,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
         "run": run,
         "scenario": scenario.model_dump(mode="json"),
         "doors": scenario.digests,
+        "interface": interface_of(scenario).model_dump(mode="json"),
         "seed": scenario.seed,
         "versions": {
             "python": platform.python_version(),

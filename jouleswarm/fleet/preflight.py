@@ -10,13 +10,14 @@ import logging
 import secrets
 import time
 
-from jouleswarm.codecs.codec import FLOAT32, experience_bytes, weights_bytes
+from jouleswarm.codecs.codec import FLOAT32, weights_bytes
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire import topics
-from jouleswarm.runs.sizes import tensor_entries
+from jouleswarm.runs.interface import interface_of
 
 log = logging.getLogger("jouleswarm.recorder")
 
@@ -59,12 +60,10 @@ def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:
 
 def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
     """Tensors of the largest message of a run, bytes, and a topic that it goes on. Headers come on top."""
-    camera, network, meta = scenario.camera, scenario.network, scenario.meta
-    tensors = tensor_entries(network)
-    heads = tensors[-2:] * (len(meta.training_tasks) if meta.heads == "per_task" else 0)
-    frame_bytes = experience_bytes(
-        meta.experience_codec, (camera.width, camera.height), (network.width, network.height)
-    )
+    interface, meta = interface_of(scenario), scenario.meta
+    tensors = interface.entries
+    heads = interface.head_entries * (len(meta.training_tasks) if meta.heads == "per_task" else 0)
+    frame_bytes = experience_bytes(meta.experience_codec, interface.spaces.observation, scenario.network)
     sizes = [(weights_bytes(FLOAT32, tensors), topics.learned(run, scenario.arms[0].name, min(scenario.clusters)))]
     for method in {arm.method for arm in scenario.arms}:
         if method in META_METHODS:

@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from jouleswarm.codecs.codec import experience_bytes, weights_bytes
+from jouleswarm.codecs.codec import weights_bytes
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.energy.equations import ClusterRounds, Counts, RoundSizes, StageCounts, closed_form, directed_links
-
-_CHANNELS = 4  # a frame is RGB and depth, uint8
-_ACTIONS = 4
+from jouleswarm.runs.interface import interface_of
 
 
 def scenario_sizes(scenario: Scenario) -> RoundSizes:
-    """What a round of this scenario computes and moves, from its settings alone: frames and weights as encoded."""
-    camera, network, codec = scenario.camera, scenario.network, scenario.federation.weights_codec
-    raw, sent = ((camera.width, camera.height), (network.width, network.height)), scenario.meta.experience_codec
+    """What a round of this scenario computes and moves: observations and weights as encoded."""
+    interface, codec = interface_of(scenario), scenario.federation.weights_codec
+    observation = interface.spaces.observation
     # How far png compresses depends on the pictures: the closed form then has the raw frame.
-    frame_bytes = experience_bytes(sent, *raw) or experience_bytes("raw", *raw) or 0
-    tensors = tensor_entries(network)
-    heads = tensors[-2:] * (len(scenario.meta.training_tasks) if scenario.meta.heads == "per_task" else 0)
+    sent = experience_bytes(scenario.meta.experience_codec, observation, scenario.network)
+    frame_bytes = observation.nbytes if sent is None else sent
+    tensors = interface.entries
+    heads = interface.head_entries * (len(scenario.meta.training_tasks) if scenario.meta.heads == "per_task" else 0)
     return RoundSizes(
         support_batches=scenario.meta.support_batches,
         query_batches=scenario.meta.query_batches,
@@ -80,16 +79,3 @@ def _by_kind(counts: StageCounts, method: str) -> StageCounts:
         return counts
     every = counts.ml.gradients_support + counts.ml.gradients_query
     return StageCounts(replace(counts.ml, gradients_support=every, gradients_query=0), counts.fl)
-
-
-def tensor_entries(network: Network) -> list[int]:
-    """Entries of each of the Q-network's tensors, counted without building it: a report needs no torch."""
-    entries, channels, height, width = [], _CHANNELS, network.height, network.width
-    for out, kernel, stride in network.conv:
-        entries += [out * channels * kernel * kernel, out]
-        channels, height, width = out, (height - kernel) // stride + 1, (width - kernel) // stride + 1
-    features = channels * height * width
-    for size in (*network.dense, _ACTIONS):
-        entries += [size * features, size]
-        features = size
-    return entries
