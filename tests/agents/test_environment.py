@@ -11,12 +11,11 @@ import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-import jouleswarm.agents
-import jouleswarm.environments.landmarks.environment
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.environment import LandmarksEnv
+from jouleswarm.environments.landmarks.settings import task_map
 
 FORWARD, BACKWARD, LEFT, RIGHT = range(4)
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
@@ -46,7 +45,7 @@ def test_gymnasium_finds_nothing_wrong() -> None:
 
 def test_scenario_may_be_a_file_or_an_object(small: Scenario) -> None:
     assert LandmarksEnv(scenario=small, task=3).observation_space.shape == (48, 64, 4)
-    assert LandmarksEnv(scenario=str(PAPER)).task_map == small.task_map(1)
+    assert LandmarksEnv(scenario=str(PAPER)).task_map == task_map(small, 1)
 
 
 def test_a_walk_down_the_path_terminates_at_the_exit(small: Scenario) -> None:
@@ -194,7 +193,6 @@ def test_an_unknown_task_is_refused(small: Scenario) -> None:
         LandmarksEnv(scenario=small, task=7)
 
 
-def test_a_missing_default_scenario_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(jouleswarm.environments.landmarks.environment, "_PAPER", tmp_path / "paper.toml")
-    with pytest.raises(ConfigurationError, match="pass scenario="):
-        LandmarksEnv()
+def test_a_missing_scenario_is_explained(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"nowhere\.toml: cannot be read"):
+        LandmarksEnv(scenario=tmp_path / "nowhere.toml")

@@ -20,7 +20,6 @@ from jouleswarm.codecs.codec import (
     check,
     decode,
     encode,
-    experience_bytes,
     is_difference,
     largest_weight,
     topk_entries,
@@ -28,8 +27,11 @@ from jouleswarm.codecs.codec import (
 )
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.errors import PayloadError, TrainingError
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire.messages import ModelHeader, decode_model, encode_model, read_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes
+from tests.made_up import image
 
 HALF, INT8 = WeightsCodec("float16"), WeightsCodec("int8")
 CODECS = [FLOAT32, HALF, INT8, WeightsCodec("topk", 0.25)]
@@ -245,7 +247,10 @@ def test_a_messages_tensors_take_the_expected_bytes(codec: WeightsCodec, first: 
 
 
 def test_a_frame_takes_the_expected_bytes() -> None:
-    sizes = {codec: experience_bytes(codec, (640, 480), (96, 72)) for codec in ("raw", "resized", "png")}
+    sizes = {
+        codec: experience_bytes(codec, image(480, 640), Network(width=96, height=72))
+        for codec in ("raw", "resized", "png")
+    }
     assert sizes == {"raw": 1_228_800, "resized": 27_648, "png": None}
 
 
