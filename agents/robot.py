@@ -23,7 +23,7 @@ from jouleswarm.common.scenario.arms import Arm, method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
@@ -101,7 +101,7 @@ class Robot:
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
-        network = build_qnetwork(scenario.network)
+        network = build_qnetwork(scenario)
         shapes, head = shapes_of(network), head_of(network)
         self.exchange = Exchange(
             bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows, codec_of(scenario)
@@ -148,7 +148,7 @@ class Robot:
             round_ += 1
             begun = time.monotonic()
             gradients = way.learn(round_)
-            reward, rmse_m = self.explorer.evaluate(way.policy)
+            reward, measures = self.explorer.evaluate(way.policy)
             ledger.record(self.agent, round_, reward)
             way.meet(round_)
             cluster_reward = ledger.cluster_reward(round_)
@@ -160,7 +160,7 @@ class Robot:
                 update={
                     "reward": reward,
                     "cluster_reward": cluster_reward,
-                    "rmse_m": rmse_m,
+                    **measured(measures),
                     "gradients": gradients,
                     "learned": learned if last else None,
                     "missed": exchange.missed,
@@ -178,7 +178,7 @@ class Robot:
         self.memory.save(arm.name, round_, {"exchange": exchange}, ended=True)
 
     def _hand_in(self, weights: Weights, header: ModelHeader) -> None:
-        use, evaluation = use_of(self.scenario.network), self.explorer.evaluation
+        use, evaluation = use_of(self.scenario), self.explorer.evaluation
         self.exchange.hand_in(encode_saved_model(weights, header, use, evaluation))
 
     def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:

@@ -18,6 +18,7 @@ from jouleswarm.common.seeding import stream
 from jouleswarm.common.wire.messages import Episode, ModelHeader
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.learner import Learner, Policy
+from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import Method
 
@@ -80,7 +81,7 @@ class ByWeights:
         self._here, self._partners = here, Partners(here.exchange, here.method, scenario.federation)
         rng, penalty = stream(scenario.seed, here.arm.name, "learn", agent), here.method.own_penalty
         learning = scenario.learning.model_copy(update={"motions_per_round": scenario.motions(agent)})
-        self._learner = Learner(scenario.network, learning, weights, rng, frames, tally, penalty)
+        self._learner = Learner(build_qnetwork(scenario), learning, weights, rng, frames, tally, penalty)
         self.policy: Policy = self._learner
         self._samples = 0
         self._mine: Weights = {}
@@ -122,7 +123,7 @@ class ByExperience:
     def __init__(self, here: Here, weights: Weights) -> None:
         self._here, self._link = here, ServerLink(here.exchange)
         self._link.hear_episodes()
-        self.policy = Policy(here.scenario.network, weights)
+        self.policy = Policy(build_qnetwork(here.scenario), weights)
 
     def learn(self, round_: int) -> int:
         for payload in self._here.explorer.policy_motions(self.policy, round_):

@@ -28,7 +28,7 @@ def main() -> None:
     use_one_thread()
     scenario = load_scenario(arguments.scenario)
     rows = []
-    for method, adapts in {"maml": None, "anil": head_of(build_qnetwork(scenario.network))}.items():
+    for method, adapts in {"maml": None, "anil": head_of(build_qnetwork(scenario))}.items():
         for inner in arguments.inner_steps:
             cost = measure_beta(scenario, adapts, inner, arguments.repeats)
             ratio = cost.exact_s / cost.first_order_s

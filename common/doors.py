@@ -28,8 +28,15 @@ Kind = Literal["environments", "networks", "methods", "codecs", "prices"]
 
 # By name and not by import: this is the ground floor, and a process loads only what its scenario asks for.
 SHIPPED: dict[Kind, dict[str, str]] = {
-    "environments": {},
-    "networks": {},
+    "environments": {
+        "landmarks": "jouleswarm.environments.landmarks.factory:landmarks",
+        "cartpole": "jouleswarm.environments.cartpole:CartPole",
+        "minigrid": "jouleswarm.environments.minigrid:minigrid",
+    },
+    "networks": {
+        "mlp": "jouleswarm.learning.qnetwork:mlp",
+        "deepmind": "jouleswarm.learning.qnetwork:deepmind",
+    },
     "methods": {
         "fl": "jouleswarm.methods.consensus:Federated",
         "isolated": "jouleswarm.methods.consensus:Isolated",

@@ -120,7 +120,7 @@ class DataCenter:
             gradients = stage.learn(round_, experience.replays)
             if round_ in {*settings.snapshots, *arms}:
                 weights, header = self._model_of(make, stage), ModelHeader(task=0, agent=0, round=round_)
-                saved = encode_saved_model(weights, header, use_of(scenario.network), heads=make.heads(scenario))
+                saved = encode_saved_model(weights, header, use_of(scenario), heads=make.heads(scenario))
                 self.reporter.deliver(topics.snapshot(self.run, method, round_), saved)
                 if round_ in arms:
                     # Robots have nothing yet that it could build on: an encoder of its own for each.
@@ -141,7 +141,7 @@ class DataCenter:
         self.bus.publish(topics.meta_round(self.run, method), b"", retain=True)
 
     def _model_of(self, method: Method, stage: Stage) -> Weights:
-        network = build_qnetwork(self.scenario.network)
+        network = build_qnetwork(self.scenario)
         shapes = meta_shapes(shapes_of(network), head_of(network), method.heads(self.scenario))
         model = stage.weights()
         if wrong := unfit(model, shapes):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.codecs.observations import decode_experience
 from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.common.wire.types import Payload
@@ -19,9 +20,9 @@ from jouleswarm.learning.replay import Replay
 
 @dataclass(frozen=True)
 class Motion:
-    """One motion: the frame at the network's size, uint8 [height, width, 4], and what the payload weighed."""
+    """One motion: what was seen, as a replay memory keeps it, and what the payload weighed."""
 
-    frame: npt.NDArray[np.uint8]
+    frame: npt.NDArray[Any]
     header: MotionHeader
     payload_bytes: int = 0
 
@@ -30,11 +31,13 @@ def read_motion(payload: Payload, scenario: Scenario) -> Motion:
     """A motion from the uplink.
 
     Raises:
-        PayloadError: it is none of this scenario's frame size and codec.
+        PayloadError: it is none of this scenario's observations, actions and codec.
     """
-    camera, network = scenario.camera, scenario.network
-    codec, sizes = scenario.meta.experience_codec, ((camera.width, camera.height), (network.width, network.height))
-    frame, header = decode_experience(payload, codec, *sizes)
+    spaces = scenario.spaces
+    kept = spaces.observation.kept(scenario.network)
+    frame, header = decode_experience(payload, scenario.meta.experience_codec, spaces.observation, kept)
+    if header.action >= (actions := len(spaces.actions)):
+        raise PayloadError(f"motion of robot {header.agent}: action {header.action}, expected 0 to {actions - 1}")
     return Motion(frame, header, len(payload))
 
 
@@ -99,11 +102,11 @@ class TrainingExperience:
 
     def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
         """`folder`: for the frames, for who wants to go on from a state."""
-        network, meta = scenario.network, scenario.meta
+        meta, kept = scenario.meta, scenario.spaces.observation.kept(scenario.network)
 
         def replay(agent: int) -> Replay:
             frames = folder and folder / f"frames-{agent}.bin"
-            return Replay(meta.replay_size, network.height, network.width, frames, 2 * scenario.motions(agent))
+            return Replay(meta.replay_size, kept, frames, 2 * scenario.motions(agent))
 
         self.replays = {
             task: {agent: replay(agent) for agent in agents} for task, agents in scenario.training_agents.items()

@@ -50,7 +50,7 @@ class WeightsService:
 
     def __init__(self, scenario: Scenario, arm: Arm) -> None:
         self._clusters, self._scenario = scenario.clusters, scenario
-        self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
+        self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
         self._codec = codec_of(scenario)
         window = scenario.federation.reward_window
         self._methods: dict[int, Method] = {task: scenario.method(arm.method) for task in scenario.clusters}
@@ -142,7 +142,7 @@ class ExperienceService:
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._walks = {task: Walks(learner.replay, scenario.motions) for task, learner in self._learners.items()}
         self._encoders = {task: WeightsEncoder(codec_of(scenario)) for task in scenario.clusters}
-        self._shapes: Shapes = shapes_of(build_qnetwork(scenario.network))
+        self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
 
     def messages(self, agent: int) -> int:
         """See `datacenter.cluster_rounds.Service`."""
@@ -198,7 +198,7 @@ class ExperienceService:
         frames = self._folder / f"frames-{task}.bin" if self._folder else None
         rng = stream(scenario.seed, self._arm.name, "learn", task)
         weights, tally = start_weights(scenario, task), self._tally(task)
-        return Learner(scenario.network, settings, weights, rng, frames, tally, self._methods[task].own_penalty)
+        return Learner(build_qnetwork(scenario), settings, weights, rng, frames, tally, self._methods[task].own_penalty)
 
 
 def served(method: Method, round_: ClusterRound, shapes: Shapes) -> tuple[Weights, int]:

@@ -1,8 +1,8 @@
 """Signs with a scale: one bit an entry. In a scenario: `federation.codec = "sign_codec:Sign"` (see docs/doors.md).
 
 The first message is the whole model. Each later one tells of every tensor in which direction its entries have moved
-from what the receivers hold, and how far they have moved on average (Bernstein et al. 2018; Karimireddy et al. 2019). What a
-message could not tell is in the difference to the next model: the core keeps what receivers hold.
+from what the receivers hold, and how far on average (Bernstein et al. 2018; Karimireddy et al. 2019). What a message
+could not tell is in the difference to the next model: the core keeps what receivers hold.
 """
 
 from math import prod

@@ -7,26 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import AnyMethod, Arm, arm_name
 from jouleswarm.common.scenario.edges import Edges, read_edges
-from jouleswarm.common.scenario.sections import (
-    Bus,
-    Camera,
-    Energy,
-    Federation,
-    Learning,
-    Meta,
-    Network,
-    Robot,
-    Section,
-    Task,
-    World,
-)
-from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
+from jouleswarm.common.scenario.problem import Problem
+from jouleswarm.common.scenario.sections import Bus, Energy, Federation, Learning, Meta, Robot
 
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
@@ -37,27 +25,17 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 """Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
 
 
-class Scenario(Section):
+class Scenario(Problem):
     """A whole experiment. Build one with `load_scenario`."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
     seed: int = Field(1, ge=0, le=2**63 - 1)
     methods: tuple[str, ...] = ("maml", "fl")
-    tasks: tuple[Task, ...] = Field(min_length=1, max_length=1000)
     robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
-    world: World = World()
-    camera: Camera = Camera()
-    network: Network = Network()
     learning: Learning = Learning()
     federation: Federation = Federation()
     meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
-    _folder: Path | None = PrivateAttr(None)
-
-    def model_post_init(self, context: Any) -> None:
-        """Remember where files are that the scenario names (see `common.doors`)."""
-        self._folder = (context or {}).get("folder")
 
     @field_validator("methods")
     @classmethod
@@ -80,14 +58,6 @@ class Scenario(Section):
             _ = self.edges
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
-        for task in self.tasks:
-            try:
-                task_map = parse_map(task.map, self.world.rows, self.world.cols)
-            except ConfigurationError as error:
-                raise ValueError(f"task {task.id}: {error}") from error
-            landmarks = task_map.rows * task_map.cols
-            if task.rewards is not None and len(task.rewards) != landmarks:
-                raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
         if self.meta_methods and self.meta.t0 < 1:
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
         if self.meta_methods and not self.meta.training_tasks:
@@ -153,7 +123,13 @@ class Scenario(Section):
     @property
     def named(self) -> tuple[tuple[Kind, str], ...]:
         """What comes in by doors."""
-        return (*(("methods", name) for name in self.methods), ("codecs", self.federation.codec))
+        build = self.network.build
+        return (
+            ("environments", self.environment),
+            *((("networks", build),) if build is not None else ()),
+            *(("methods", name) for name in self.methods),
+            ("codecs", self.federation.codec),
+        )
 
     @property
     def files(self) -> dict[str, Path]:
@@ -190,7 +166,8 @@ class Scenario(Section):
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
-        return settings + (json.dumps(digests) if (digests := self.digests) else "")
+        beside = getattr(self.factory, "digest", lambda scenario: "")(self)
+        return settings + (json.dumps(digests) if (digests := self.digests) else "") + beside
 
     def open(self, kind: Kind, name: str) -> Any:
         """What goes by a name of the scenario's (see `common.doors.enter`)."""
@@ -299,11 +276,3 @@ class Scenario(Section):
     def training_agents(self) -> dict[int, tuple[int, ...]]:
         """Training task id -> ids of the robots that send its experience up."""
         return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
-
-    def task(self, task: int) -> Task:
-        """The task with id `task`."""
-        return next(each for each in self.tasks if each.id == task)
-
-    def task_map(self, task: int) -> TaskMap:
-        """The parsed map of a task."""
-        return parse_map(self.task(task).map, self.world.rows, self.world.cols)

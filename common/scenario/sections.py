@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 # Every number has both bounds: far beyond what anybody runs, and within what arithmetic, memory and messages can hold.
 Id = Annotated[int, Field(ge=1, le=1_000_000)]
 Robots = Annotated[int, Field(ge=1, le=1000)]
-Landmarks = Annotated[int, Field(ge=1, le=64)]
 Rounds = Annotated[int, Field(ge=1, le=1_000_000)]
 Batches = Annotated[int, Field(ge=1, le=100_000)]  # gradient steps of a round
 BatchSize = Annotated[int, Field(ge=1, le=100_000)]
 Motions = Annotated[int, Field(ge=1, le=100_000)]
 Frames = Annotated[int, Field(ge=3, le=100_000_000)]  # fewer can all be without a successor: nothing to learn from
-CameraPixels = Annotated[int, Field(ge=1, le=4096)]
 NetworkPixels = Annotated[int, Field(ge=1, le=1024)]
 Channels = Annotated[int, Field(ge=1, le=4096)]
 Kernel = Annotated[int, Field(ge=1, le=1024)]
@@ -24,9 +22,7 @@ Units = Annotated[int, Field(ge=1, le=1_000_000)]
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Share = Annotated[float, Field(ge=1e-9, le=1)]
-Metres = Annotated[float, Field(ge=1e-3, le=1e4)]
 Seconds = Annotated[float, Field(ge=1e-3, le=1e6)]
-RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6)]  # see common.wire.messages.MAX_REWARD
 LearningRate = Annotated[float, Field(ge=1e-37, le=1e3)]  # float32 holds it
 Watts = Annotated[float, Field(ge=1e-6, le=1e9)]
 BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
@@ -53,33 +49,16 @@ class Section(BaseModel):
         return value
 
 
-class World(Section):
-    """The landmark grid and how a map becomes a position-reward table."""
+class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes any other field as well
+    """One task: what its environment is made with. An environment may have fields of its own beside these."""
 
-    rows: Landmarks = 8
-    cols: Landmarks = 5
-    cell_m: Metres = Field(1.0, description="distance between landmarks, metres")
-    exit_reward: RewardSetting = 80.0
-    path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
-    path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
-    off_path_reward: RewardSetting = Field(
-        -1.5, description="added for each motion away from the nearest path landmark"
-    )
-    obstacle_reward: RewardSetting = -80.0
-    max_motions: int = Field(20, ge=1, le=100_000, description="an episode is truncated after this many motions")
-
-
-class Task(Section):
-    """One trajectory to follow, drawn as a text map (see landmarks/maps.py)."""
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
     id: Id
-    map: str
-    rewards: tuple[RewardSetting, ...] | None = Field(
-        None, description="position-reward table, row by row, in place of the one made from the map"
-    )
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
     motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
     batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
+    kwargs: dict[str, Any] = Field({}, description="arguments of the environment's factory")
 
 
 class Robot(Section):
@@ -90,26 +69,19 @@ class Robot(Section):
     batches_per_round: Batches | None = Field(None, description="B_ik; default its task's")
 
 
-class Camera(Section):
-    """The robots' two cameras: RGB and time of flight (5 m range), one frame = (height, width, 4) uint8."""
-
-    width: CameraPixels = 640
-    height: CameraPixels = 480
-    range_m: Metres = 5.0
-    pose_jitter_m: float = Field(0.03, ge=0, le=1e4)
-    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
-    noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
-
-
 class Network(Section):
-    """The Q-network of Mnih et al. (2015): convolutions, one or more dense layers, one output an action."""
+    """The Q-network: by default that of Mnih et al. (2015) for images, dense layers alone for all else."""
 
-    width: NetworkPixels = 96
-    height: NetworkPixels = 72
+    build: str | None = Field(
+        None, description="deepmind, mlp or module:build; default by the observation: images deepmind, else mlp"
+    )
+    kwargs: dict[str, Any] = Field({}, description="for a network of your own")
+    width: NetworkPixels | None = Field(None, description="images are shrunk to this; default as they are")
+    height: NetworkPixels | None = None
     conv: tuple[tuple[Channels, Kernel, Kernel], ...] = Field(
         ((32, 8, 4), (64, 4, 2), (64, 3, 1)), max_length=32, description="(channels, kernel, stride) of each layer"
     )
-    dense: tuple[Units, ...] = Field((512,), max_length=32)
+    dense: tuple[Units, ...] = Field((512,), max_length=32, description="units of each dense layer but the last")
 
 
 Starts = Literal["area", "anywhere", "entry"]
@@ -140,7 +112,12 @@ class Learning(Section):
         "(.safetensors). Of robots without a stage before, of the stage itself, and of central learners",
     )
     starts: Starts = Field(
-        "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"
+        "area",
+        description="where learning episodes start, of an environment that offers it: in the robot's own share of the "
+        "places, anywhere, or where an evaluation starts",
+    )
+    max_episode_steps: int = Field(
+        100_000, ge=1, le=10_000_000, description="an episode that its environment has not ended is cut after so many"
     )
 
 

@@ -28,6 +28,7 @@ _DTYPES: dict[str, np.dtype[Any]] = {
     "U32": np.dtype("<u4"),
     "U16": np.dtype("<u2"),
     "U8": np.dtype("u1"),
+    "BOOL": np.dtype("bool"),
 }
 _CODES = {dtype: code for code, dtype in _DTYPES.items()}
 _MALFORMED = (
@@ -39,6 +40,11 @@ _MALFORMED = (
     struct.error,
     safetensors.SafetensorError,
 )
+
+
+def code_of(dtype: str) -> str:
+    """What safetensors calls a NumPy dtype."""
+    return _CODES[np.dtype(dtype)]
 
 
 class Header(BaseModel):
@@ -113,7 +119,7 @@ def decode_floats(payload: Payload, kind: type[HeaderT], what: str) -> tuple[dic
 
 def layout_of(tensors: Mapping[str, Array]) -> Layout:
     """How tensors lie on the wire; a dtype that does not go there has numpy's name."""
-    return {name: (_CODES.get(tensor.dtype, str(tensor.dtype)), tensor.shape) for name, tensor in tensors.items()}
+    return {name: (_CODES.get(tensor.dtype) or str(tensor.dtype), tensor.shape) for name, tensor in tensors.items()}
 
 
 def layout_bytes(layout: Layout) -> int:

@@ -16,6 +16,9 @@ from jouleswarm.common.wire.models import MAX_WEIGHT, check_floats, largest_weig
 from jouleswarm.common.wire.tensorfile import layout_of
 from jouleswarm.common.wire.types import Layout, Payload, Shapes, Tensors, Weights
 
+MAX_DECODED = 2 * MAX_WEIGHT
+"""The largest |w| that may come out of a codec: what is lost in encoding may carry past what is sent."""
+
 
 def encoded(codec: Codec, weights: Weights, base: Weights | None) -> Tensors:
     """`weights` for the wire, in the order of the codec's layout.
@@ -44,7 +47,7 @@ def decoded(codec: Codec, tensors: Tensors, shapes: Shapes, base: Weights | None
     whole = is_whole(codec, tensors, shapes)
     if base is None and not whole:
         raise PayloadError("differences to a model that is not here, expected a whole model first")
-    if whole and codec.layout(shapes, whole=False) != codec.layout(shapes, whole=True):
+    if whole and not _looks_alike(codec, shapes):
         base = None
     try:
         weights: Any = codec.decode(tensors, shapes, base)
@@ -91,7 +94,7 @@ def check_tensors(codec: Codec, tensors: Tensors, shapes: Shapes) -> None:
 def builds_on_base(codec: Codec) -> bool:
     """Whether a message is read otherwise by who holds another base, or none: found out by trying it."""
     rng, shapes = np.random.default_rng(1), {"w": (4, 5)}
-    if codec.layout(shapes, whole=True) != codec.layout(shapes, whole=False):
+    if not _looks_alike(codec, shapes):
         return True
     weights, base, other = ({"w": rng.normal(size=(4, 5)).astype(np.float32)} for _ in range(3))
     tensors = encoded(codec, weights, base)
@@ -99,21 +102,22 @@ def builds_on_base(codec: Codec) -> bool:
     return one.tobytes() != two.tobytes()
 
 
+def _looks_alike(codec: Codec, shapes: Shapes) -> bool:
+    """Whether messages with a base and without one cannot be told apart."""
+    return codec.layout(shapes, whole=True) == codec.layout(shapes, whole=False)
+
+
 def _checked(codec: Codec, weights: Any, shapes: Shapes) -> Weights:
     if not isinstance(weights, dict) or weights.keys() != shapes.keys():
         got = list(weights) if isinstance(weights, dict) else type(weights).__name__
         raise PayloadError(f"codec {codec.name}: decode gives {got}, expected {list(shapes)}")
     for name, shape in shapes.items():
-        tensor = np.asarray(weights[name])
+        tensor, told = np.asarray(weights[name]), f"codec {codec.name}: decode gives {name}"
         if tensor.dtype != np.float32 or tensor.shape != shape:
-            raise PayloadError(
-                f"codec {codec.name}: decode gives {name} as {tensor.dtype} {tensor.shape}, expected float32 {shape}"
-            )
-        # One with a check of its own vouches for what passed it. What is lost in encoding may carry past the limit.
-        if not hasattr(codec, "check") and not (largest := largest_weight(tensor)) <= 2 * MAX_WEIGHT:
-            raise PayloadError(
-                f"codec {codec.name}: decode gives {name} a weight of size {largest:g}, expected {MAX_WEIGHT:g} at most"
-            )
+            raise PayloadError(f"{told} as {tensor.dtype} {tensor.shape}, expected float32 {shape}")
+        # One with a check of its own vouches for what passed it.
+        if not hasattr(codec, "check") and not (largest := largest_weight(tensor)) <= MAX_DECODED:
+            raise PayloadError(f"{told} a weight of size {largest:g}, expected at most {MAX_DECODED:g}")
     return {name: np.asarray(weights[name]) for name in shapes}
 
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.func import functional_call, grad
 
 from jouleswarm.learning.dqn import td_loss, td_target
-from jouleswarm.learning.networks import observations
+from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
 Params = dict[str, Tensor]
@@ -26,20 +26,20 @@ _TINY = 1e-6  # as torch.nn.utils.clip_grad_norm_
 class TensorBatch:
     """A replayed batch on the data center's device."""
 
-    frames: Tensor  # float32 [batch, 4, height, width]
+    frames: Tensor  # float32 [batch, *observation]
     actions: Tensor  # int64 [batch]
     rewards: Tensor  # float32 [batch]
-    next_frames: Tensor  # float32 [batch, 4, height, width]
+    next_frames: Tensor  # float32 [batch, *observation]
     terminated: Tensor  # float32 [batch]
 
 
-def to_tensors(batch: Batch, device: torch.device) -> TensorBatch:
-    """Move a replayed batch to `device`."""
+def to_tensors(batch: Batch, model: QNetwork, device: torch.device) -> TensorBatch:
+    """Move a replayed batch to `device`, as `model` takes it."""
     return TensorBatch(
-        observations(batch.frames, device),
+        model.prepare(batch.frames, device),
         torch.from_numpy(batch.actions).to(device),
         torch.from_numpy(batch.rewards).to(device),
-        observations(batch.next_frames, device),
+        model.prepare(batch.next_frames, device),
         torch.from_numpy(batch.terminated).to(device),
     )
 

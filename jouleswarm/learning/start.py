@@ -24,7 +24,7 @@ def start_weights(scenario: Scenario, task: int) -> Weights:
     saved = saved_start(scenario)
     if saved is not None:
         return start_of(saved, task)
-    return to_weights(build_qnetwork(scenario.network, integer(scenario.seed, "initial weights", task)))
+    return to_weights(build_qnetwork(scenario, integer(scenario.seed, "initial weights", task)))
 
 
 def saved_start(scenario: Scenario) -> Weights | None:
@@ -41,7 +41,7 @@ def saved_start(scenario: Scenario) -> Weights | None:
         saved = read_saved_model(path.read_bytes())
     except (OSError, PayloadError) as error:
         raise ConfigurationError(f"{what}: cannot be read ({error}); expected a file of a run's weights/") from error
-    shapes = shapes_of(build_qnetwork(scenario.network))
+    shapes = shapes_of(build_qnetwork(scenario))
     found = {name: tensor.shape for name, tensor in saved.items()}
     plain = {name: shape for name, shape in found.items() if "/" not in name}
     for name in [*shapes, *plain]:

@@ -11,15 +11,19 @@ import statistics
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.seeding import stream
 from jouleswarm.learning.meta import TensorBatch, make_loss, meta_gradient, to_tensors
 from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
 
@@ -58,11 +62,11 @@ def measure_beta(
     Both kinds are timed in turn, after one of each that is not counted. `adapts`: parameters that adapt, default all.
     """
     inner = scenario.meta.inner_steps if inner_steps is None else inner_steps
-    model = build_qnetwork(scenario.network, 1)
+    model = build_qnetwork(scenario, 1)
     params = {name: value.detach() for name, value in model.named_parameters()}
     loss = make_loss(model, params, scenario.learning.discount, double=scenario.learning.double)
     share = scenario.meta.query_batches / scenario.meta.support_batches
-    support, query = _batches(scenario, inner), _batches(scenario, max(1, round(inner * share)))
+    support, query = (_batches(scenario, model, count) for count in (inner, max(1, round(inner * share))))
 
     def run(*, exact: bool) -> None:
         clip, lr = scenario.learning.grad_clip, scenario.meta.inner_lr
@@ -75,22 +79,28 @@ def measure_beta(
     return Cost(inner, len(query), exact_s, first_order_s, *flops)
 
 
-def _batches(scenario: Scenario, count: int) -> list[TensorBatch]:
-    network, size = scenario.network, scenario.meta.batch_size
+def _batches(scenario: Scenario, model: QNetwork, count: int) -> list[TensorBatch]:
+    size, actions = scenario.meta.batch_size, len(scenario.spaces.actions)
     rng = stream(scenario.seed, "beta", count)
-    shape = (size, network.height, network.width, 4)
 
     def batch() -> TensorBatch:
         made_up = Batch(
-            rng.integers(0, 256, shape, np.uint8),
-            rng.integers(0, 4, size),
+            _observations(rng, size, model.takes),
+            rng.integers(0, actions, size),
             rng.normal(size=size).astype(np.float32),
-            rng.integers(0, 256, shape, np.uint8),
+            _observations(rng, size, model.takes),
             np.zeros(size, np.float32),
         )
-        return to_tensors(made_up, torch.device("cpu"))
+        return to_tensors(made_up, model, torch.device("cpu"))
 
     return [batch() for _ in range(count)]
+
+
+def _observations(rng: np.random.Generator, size: int, takes: Observation) -> npt.NDArray[Any]:
+    dtype, shape = np.dtype(takes.dtype), (size, *takes.shape)
+    if dtype.kind == "f":
+        return rng.normal(size=shape).astype(dtype)
+    return rng.integers(0, takes.values or (256 if dtype == np.uint8 else 2), shape).astype(dtype)
 
 
 def _seconds(call: Callable[[], object]) -> float:

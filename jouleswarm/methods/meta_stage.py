@@ -33,7 +33,7 @@ class MetaStage:
         self.tally: TallyOf = nobody
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = compute_device()
-        self._model = build_qnetwork(scenario.network, integer(scenario.seed, "initial meta-model")).to(self._device)
+        self._model = build_qnetwork(scenario, integer(scenario.seed, "initial meta-model")).to(self._device)
         self.meta_model = MetaModel(self._model, method.heads(scenario))
         self._leaves = dict(self.meta_model.named())
         self._optimizer = torch.optim.Adam(self._leaves.values(), lr=self._settings.meta_lr, fused=True)
@@ -129,7 +129,10 @@ class MetaStage:
             support.append([replay.sample(settings.batch_size, rng, newest) for _ in range(settings.support_batches)])
             query.append([replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)])
         on_device = [
-            [tuple(to_tensors(each, self._device) for each in sample) for sample in zip(*drawn, strict=True)]
+            [
+                tuple(to_tensors(each, self._model, self._device) for each in sample)
+                for sample in zip(*drawn, strict=True)
+            ]
             for drawn in (support, query)
         ]
         return Samples(*on_device)

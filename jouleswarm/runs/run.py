@@ -208,7 +208,7 @@ def _other_schema(schema: object) -> str:
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
-        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS)
+        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, manifest.get("interface"))
     except ConfigurationError as error:
         raise RunError(f"{file}: damaged: {error}") from error
     if scenario.digests != manifest.get("doors", {}):

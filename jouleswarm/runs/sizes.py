@@ -5,25 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from jouleswarm.codecs.codec import Codec, codec_of
-from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.scenario.spaces import Interface, experience_bytes
 from jouleswarm.common.wire.tensorfile import layout_bytes
 from jouleswarm.common.wire.types import Shapes
 from jouleswarm.energy.equations import RoundSizes, StageCounts
 from jouleswarm.learning.heads import meta_shapes
-
-_CHANNELS = 4  # a frame is RGB and depth, uint8
-_ACTIONS = 4
+from jouleswarm.runs.interface import interface_of
 
 
 def scenario_sizes(scenario: Scenario) -> RoundSizes:
-    """What a round of this scenario computes and moves, from its settings alone: frames and weights as encoded."""
-    camera, network, codec = scenario.camera, scenario.network, codec_of(scenario)
-    raw, sent = ((camera.width, camera.height), (network.width, network.height)), scenario.meta.experience_codec
+    """What a round of this scenario computes and moves: observations and weights as encoded."""
+    interface, codec, learning = interface_of(scenario), codec_of(scenario), scenario.learning
+    observation, model = interface.spaces.observation, model_shapes(interface)
     # How far png compresses depends on the pictures: the closed form then has the raw frame.
-    frame_bytes = experience_bytes(sent, *raw) or experience_bytes("raw", *raw) or 0
-    model, learning = model_shapes(network), scenario.learning
+    sent = experience_bytes(scenario.meta.experience_codec, observation, scenario.network)
+    frame_bytes = observation.nbytes if sent is None else sent
     return RoundSizes(
         support_batches=scenario.meta.support_batches,
         query_batches=scenario.meta.query_batches,
@@ -33,7 +30,7 @@ def scenario_sizes(scenario: Scenario) -> RoundSizes:
         experience_of={agent: scenario.motions(agent) * frame_bytes for agent in scenario.agents},
         weights_bytes=weights_bytes(codec, model, whole=False),
         first_weights_bytes=weights_bytes(codec, model, whole=True),
-        meta_model_bytes=weights_bytes(codec, meta_model_shapes(scenario), whole=True),
+        meta_model_bytes=weights_bytes(codec, meta_model_shapes(interface, scenario), whole=True),
     )
 
 
@@ -51,21 +48,13 @@ def expected_counts(
     return found
 
 
-def model_shapes(network: Network) -> dict[str, tuple[int, ...]]:
-    """The Q-network's tensors, known without building it: a report needs no torch."""
-    shapes: dict[str, tuple[int, ...]] = {}
-    channels, height, width = _CHANNELS, network.height, network.width
-    for place, (out, kernel, stride) in enumerate(network.conv):  # a ReLU after each
-        shapes |= {f"{2 * place}.weight": (out, channels, kernel, kernel), f"{2 * place}.bias": (out,)}
-        channels, height, width = out, (height - kernel) // stride + 1, (width - kernel) // stride + 1
-    features, first = channels * height * width, 2 * len(network.conv) + 1  # after the Flatten
-    for place, size in enumerate((*network.dense, _ACTIONS)):
-        shapes |= {f"{first + 2 * place}.weight": (size, features), f"{first + 2 * place}.bias": (size,)}
-        features = size
-    return shapes
+def model_shapes(interface: Interface) -> dict[str, tuple[int, ...]]:
+    """The Q-network's tensors, in their order."""
+    return dict(interface.tensors)
 
 
-def meta_model_shapes(scenario: Scenario) -> dict[str, tuple[int, ...]]:
+def meta_model_shapes(interface: Interface, scenario: Scenario) -> dict[str, tuple[int, ...]]:
     """A meta-model's tensors: the network's, and a last layer for each training task that has one of its own."""
-    shapes, meta = model_shapes(scenario.network), scenario.meta
-    return meta_shapes(shapes, list(shapes)[-2:], meta.training_tasks if meta.heads == "per_task" else ())
+    shapes, meta = model_shapes(interface), scenario.meta
+    head = list(shapes)[len(shapes) - interface.head :]
+    return meta_shapes(shapes, head, meta.training_tasks if meta.heads == "per_task" else ())

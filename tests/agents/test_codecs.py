@@ -228,7 +228,7 @@ def _scenario(codec: Codec) -> Scenario:
 @pytest.mark.parametrize("codec", [FLOAT32, Float16(), Int8(), TopK(0.2)])
 def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: Codec) -> None:
     averaging = Averaging(codec)
-    starts = {agent: to_weights(build_qnetwork(averaging.scenario.network, agent)) for agent in (1, 2)}
+    starts = {agent: to_weights(build_qnetwork(averaging.scenario, agent)) for agent in (1, 2)}
     rng = np.random.default_rng(1)
     moved = {name: rng.normal(size=tensor.shape).astype(np.float32) for name, tensor in starts[1].items()}
 

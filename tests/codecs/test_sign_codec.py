@@ -19,12 +19,13 @@ from jouleswarm.common.wire.types import Weights
 from jouleswarm.methods.mixing import default_step, mix
 from jouleswarm.runs.sizes import weights_bytes
 
+ROOT = Path(__file__).parents[2]
 SHAPES = {"a": (2, 2), "b": (1,)}
 
 
 @pytest.fixture(scope="module")
 def sign() -> Codec:
-    return codec_of(load_scenario(Path(__file__).parents[2] / "examples" / "sign.toml"))
+    return codec_of(load_scenario(ROOT / "examples" / "sign.toml"))
 
 
 def model(a: list[list[float]], b: float) -> Weights:
@@ -88,7 +89,7 @@ def test_a_model_that_grows_beyond_all_weights_is_refused(sign: Codec) -> None:
     tensors = {**sign.encode(base, base), "a.scale": np.array(9e3, np.float32)}
     for _ in range(2):
         base = decoded(sign, tensors, SHAPES, base)
-    with pytest.raises(PayloadError, match="codec sign: decode gives a a weight of size 27000, expected 10000 at most"):
+    with pytest.raises(PayloadError, match="codec sign: decode gives a a weight of size 27000, expected at most 20000"):
         decoded(sign, tensors, SHAPES, base)
 
 
@@ -98,3 +99,8 @@ def test_signs_without_a_model_to_apply_them_to_are_refused(sign: Codec) -> None
         WeightsDecoder(sign, SHAPES).decode(tensors)
     with pytest.raises(PayloadError, match="expected a whole model in the first round"):
         read_model(encode_model(tensors, header(1)), SHAPES, sign)
+
+
+def test_the_page_prints_the_example_as_it_is() -> None:
+    _, _, code = (ROOT / "examples" / "sign_codec.py").read_text().split('"""', 2)
+    assert f"```python{code}```" in (ROOT / "docs" / "doors.md").read_text().replace("```python\n", "```python\n\n")

@@ -96,7 +96,7 @@ WRONG = {
     ),
     "not finite": (
         changed(BACK, "return {key: tensors[key] / np.float32(0) for key in shapes}"),
-        "decode gives 0.weight a weight of size inf, expected 10000 at most",
+        "decode gives 0.weight a weight of size inf, expected at most 20000",
     ),
     "nothing comes back": (
         changed(BACK, "return {key: np.zeros(shape, np.float32) for key, shape in shapes.items()}"),

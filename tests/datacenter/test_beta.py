@@ -30,7 +30,7 @@ def test_going_back_through_the_adaptation_takes_operations_that_first_order_sav
     inner_steps: int, make_scenario: Make
 ) -> None:
     scenario = make_scenario()
-    last = head_of(build_qnetwork(scenario.network))
+    last = head_of(build_qnetwork(scenario))
     whole, head = (measure_beta(scenario, adapts, inner_steps, repeats=1) for adapts in (None, last))
     assert whole.exact_flops > whole.first_order_flops
     # the last layer's Hessian is small beside the whole network's

@@ -44,7 +44,7 @@ class Robots:
 
     def __init__(self, scenario: Scenario) -> None:
         self.codec, self.rng = codec_of(scenario), np.random.default_rng(1)
-        network = build_qnetwork(scenario.network, 1)
+        network = build_qnetwork(scenario, 1)
         self.shapes, self.models = shapes_of(network), {robot: to_weights(network) for robot in ROBOTS}
         self.encoders = {robot: WeightsEncoder(self.codec) for robot in ROBOTS}
         self.decoder = WeightsDecoder(self.codec, self.shapes)

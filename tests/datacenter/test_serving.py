@@ -49,7 +49,7 @@ class Table:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.shapes = shapes_of(build_qnetwork(scenario.network))
+        self.shapes = shapes_of(build_qnetwork(scenario))
         self.hub = MemoryHub()
         self.robots, self.ears = self.hub.connect("robots"), self.hub.connect("ears")
         self.server = WeightsService(scenario, FEDAVG)
