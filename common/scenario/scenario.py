@@ -59,6 +59,8 @@ class Scenario(Problem):
             _ = self.edges
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
+        if self.learning.init is not None and not (path := self.beside(self.learning.init)).is_file():
+            raise ValueError(f"learning.init {path}: no such file; expected a model of a run's weights/")
         if self.meta_methods and self.meta.t0 < 1:
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
         if self.meta_methods and not self.meta.training_tasks:
