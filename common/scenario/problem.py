@@ -99,7 +99,7 @@ class Problem(Section):
         for known in self._known():
             return known.spaces if isinstance(known, Interface) else known
         told = getattr(self.factory, "spaces", None)
-        return None if told is None else told(self)  # type: ignore[no-any-return]
+        return None if told is None else told(self)
 
     @property
     def spaces(self) -> Spaces:
