@@ -276,5 +276,6 @@ class Scenario(Problem):
 
     @property
     def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up."""
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
+        """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
+        tasks = (task for task in self.meta.training_tasks if task in self.clusters)
+        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}
