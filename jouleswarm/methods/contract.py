@@ -76,6 +76,6 @@ def _wrong(kind: type[Method]) -> str:
         return 'it sends experience, expected partners = "datacenter" and a function serve(round_) that learns from it'
     try:
         kind()
-    except Exception as error:  # whatever a class of the user's does
+    except Exception as error:  # noqa: BLE001 - whatever a class of the user's does
         return f"it cannot be made without arguments: {type(error).__name__}: {' '.join(str(error).split())}"
     return ""
