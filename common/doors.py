@@ -29,7 +29,10 @@ SHIPPED: dict[Kind, dict[str, str]] = {
     "networks": {},
     "methods": {},
     "codecs": {},
-    "prices": {},
+    "prices": {
+        "literal": "jouleswarm.energy.literal:literal",
+        "published": "jouleswarm.energy.published:published",
+    },
 }
 
 

@@ -51,10 +51,13 @@ class Scenario(Section):
     energy: Energy = Energy()
     bus: Bus = Bus()
     _folder: Path | None = PrivateAttr(None)
+    _prices_folder: Path | None = PrivateAttr(None)
 
     def model_post_init(self, context: Any) -> None:
-        """Remember where files are that the scenario names (see `common.doors`)."""
+        """Remember where files are that the scenario names (see `common.doors`): price lists in another folder first,
+        when a run is priced again."""
         self._folder = (context or {}).get("folder")
+        self._prices_folder = (context or {}).get("prices_folder")
 
     @field_validator("methods")
     @classmethod
@@ -110,7 +113,7 @@ class Scenario(Section):
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
         if not self.files:
-            self._folder = None  # two scenarios are equal wherever they were read from
+            self._folder = self._prices_folder = None  # two scenarios are equal wherever they were read from
         return self
 
     def _check_on_missing(self) -> None:
@@ -129,12 +132,12 @@ class Scenario(Section):
     @property
     def named(self) -> tuple[tuple[Kind, str], ...]:
         """What comes in by doors."""
-        return ()
+        return tuple(("prices", name) for name in self.energy.prices)
 
     @property
     def files(self) -> dict[str, Path]:
         """Files of the user's own that come in by doors, by the name of their module."""
-        found = {name.partition(":")[0]: file_of(name, self._folder) for _, name in self.named}
+        found = {name.partition(":")[0]: file_of(name, self._beside(kind, name)) for kind, name in self.named}
         return {module: path for module, path in found.items() if path is not None}
 
     @property
@@ -143,14 +146,32 @@ class Scenario(Section):
         return {module: digest(path) for module, path in sorted(self.files.items())}
 
     @property
+    def learned_by(self) -> dict[str, str]:
+        """Those of `digests` that what is learned depends on: all but price lists."""
+        modules = {name.partition(":")[0] for kind, name in self.named if kind != "prices"}
+        return {module: found for module, found in self.digests.items() if module in modules}
+
+    @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
-        return settings + (json.dumps(digests) if (digests := self.digests) else "")
+        return settings + (json.dumps(digests) if (digests := self.learned_by) else "")
 
     def open(self, kind: Kind, name: str) -> Any:
-        """What goes by a name of the scenario's (see `common.doors.open_door`)."""
-        return open_door(kind, name, self._folder)
+        """What goes by a name of the scenario's (see `common.doors.open_door`), the same however its file changes."""
+        if (kind, name) not in self.opened:
+            self.opened[kind, name] = open_door(kind, name, self._beside(kind, name))
+        return self.opened[kind, name]
+
+    @cached_property
+    def opened(self) -> dict[tuple[Kind, str], Any]:
+        """What has been opened so far."""
+        return {}
+
+    def _beside(self, kind: Kind, name: str) -> Path | None:
+        """The folder in which a name's file is looked for."""
+        first = self._prices_folder if kind == "prices" else None
+        return first if file_of(name, first) is not None else self._folder
 
     @property
     def meta_methods(self) -> tuple[Method, ...]:
@@ -210,8 +231,9 @@ class Scenario(Section):
 
     @property
     def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up."""
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
+        """Training task id -> ids of the robots that send its experience up; only meta methods need all tasks there."""
+        tasks = [task for task in self.meta.training_tasks if task in self.clusters]
+        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}
 
     def task(self, task: int) -> Task:
         """The task with id `task`."""

@@ -31,6 +31,7 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, encode_json
+from jouleswarm.energy.prices import price_lists
 from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.learning import check_learning
@@ -187,6 +188,7 @@ def _arithmetic_here() -> str:
 
 
 def _check(scenario: Scenario, options: Options) -> None:
+    price_lists(scenario)
     if options.broker is not None:
         parse_url(options.broker)
     else:
@@ -263,6 +265,7 @@ def record_deployment(
     `ready_file` is written once the recorder listens: from then on the processes may be started.
     """
     parse_url(broker)  # before anything is written
+    price_lists(scenario)
     credentials = credentials_of(keys, CLIENT)
     with ExitStack() as stack:
         directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))

@@ -9,7 +9,7 @@ from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.bill import Counts
+from jouleswarm.energy.facts import Counts
 
 _COUNTS = ("gradients", "gradients_query", "motions")
 

@@ -9,7 +9,8 @@ from jouleswarm.codecs.codec import experience_bytes, weights_bytes
 from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Network
-from jouleswarm.energy.equations import ClusterRounds, Counts, RoundSizes, StageCounts, closed_form, directed_links
+from jouleswarm.energy.closed_form import ClusterRounds, RoundSizes, closed_form, directed_links
+from jouleswarm.energy.facts import Counts, StageCounts
 
 _CHANNELS = 4  # a frame is RGB and depth, uint8
 _ACTIONS = 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -12,13 +13,15 @@ from matplotlib.patches import Patch
 from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import BITS_PER_BYTE
+from jouleswarm.energy.bill import Cost
+from jouleswarm.energy.literal import BITS_PER_BYTE, literal
+from jouleswarm.energy.prices import PriceList, own_lists
 from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS
 from jouleswarm.studies.arms import over_runs
 from jouleswarm.studies.comparison_figures import bars, measured_variants
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.kinds import Kind, Outputs
-from jouleswarm.studies.prices import causes, runs_of, task_stages
+from jouleswarm.studies.prices import PRICE_LISTS, priced, runs_of, task_stages
 from jouleswarm.studies.record import Record
 from jouleswarm.studies.style import blank
 from jouleswarm.studies.sweeps import Point, comparison_outputs, sweep
@@ -31,19 +34,19 @@ class Links(NamedTuple):
 
     name: str
     moved_bytes: Value
-    joules: Callable[[list[Fact], Energy], float]
+    joules: Callable[[Cost], float]
 
 
 _LINKS = {
     "weights": Links(
         "down- and sidelinks",
         lambda run: sum(fact.downlink_bytes + fact.sidelink_bytes for fact in run),
-        lambda run, energy: causes(run, energy).downlink_j + causes(run, energy).sidelink_j,
+        lambda cost: cost.downlink_j + cost.sidelink_j,
     ),
     "experience": Links(
         "uplinks",
         lambda run: sum(fact.uplink_bytes for fact in run),
-        lambda run, energy: causes(run, energy).uplink_j,
+        lambda cost: cost.uplink_j,
     ),
 }
 
@@ -56,15 +59,20 @@ def codec_points(scenario: Scenario) -> list[Point]:
     return points + [Point("experience", codec, (f'meta.experience_codec="{codec}"',)) for codec in frames]
 
 
-def codecs_figure(facts: Sequence[Fact], energy: Energy, groups: dict[str, dict[str, str]]) -> Figure:
+def codecs_figure(
+    facts: Sequence[Fact],
+    energy: Energy,
+    groups: dict[str, dict[str, str]],
+    lists: Sequence[PriceList] = PRICE_LISTS,
+) -> Figure:
     """Rounds, Gbit on the links that an encoding is for, and their joules; weights above, experience below."""
     shown = [what for what in _LINKS if what in groups]
     figure = blank(2.3 * len(shown))
-    panels = figure.subplots(len(shown), 3, squeeze=False)
+    panels = figure.subplots(len(shown), 3 + len(own_lists(lists)), squeeze=False)
     arms = list(dict.fromkeys(fact.arm for fact in facts))
     for row, what in zip(panels, shown, strict=True):
         variants = measured_variants(facts, groups[what])
-        for axes, (label, value) in zip(row, _values(_LINKS[what], energy).items(), strict=True):
+        for axes, (label, value) in zip(row, _values(_LINKS[what], energy, lists).items(), strict=True):
             for place, arm in enumerate(arms):
                 found = [over_runs(runs_of(facts, variant, arm), value) for variant in variants.values()]
                 drawn = bars(axes, place, len(arms), found, METHOD_COLOURS[method_of(arm)])
@@ -81,15 +89,23 @@ def codecs_figure(facts: Sequence[Fact], energy: Energy, groups: dict[str, dict[
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all encodings, one figure."""
     made = comparison_outputs("Encodings", facts, record)
-    made.figures["codecs"] = lambda: codecs_figure(facts, record.scenario.energy, record.groups)
+    made.figures["codecs"] = lambda: codecs_figure(facts, record.scenario.energy, record.groups, record.lists)
     return made
 
 
-def _values(links: Links, energy: Energy) -> dict[str, Value]:
+def _values(links: Links, energy: Energy, lists: Sequence[PriceList]) -> dict[str, Value]:
+    def kilojoules(prices: PriceList) -> Value:
+        def value(run: list[Fact]) -> float:
+            bill = priced(run, energy, prices)
+            return math.nan if bill is None or bill.both.untold_j else links.joules(bill.both) / 1e3
+
+        return value
+
     return {
         "rounds, all tasks": lambda run: sum(fact.rounds for fact in task_stages(run)),
         f"{links.name} (Gbit)": lambda run: BITS_PER_BYTE * links.moved_bytes(run) / 1e9,
-        f"{links.name} (kJ)": lambda run: links.joules(run, energy) / 1e3,
+        f"{links.name} (kJ)": kilojoules(literal),
+        **{f"{links.name} (kJ),\n{each.label}": kilojoules(each) for each in own_lists(lists)},
     }
 
 

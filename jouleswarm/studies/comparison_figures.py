@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.axes import Axes
@@ -11,10 +12,12 @@ from matplotlib.patches import Patch
 
 from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.energy.prices import PriceList, own_lists
 from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS
 from jouleswarm.studies.comparison import Line, line_of, lines
 from jouleswarm.studies.estimates import Estimate
 from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.prices import PRICE_LISTS
 from jouleswarm.studies.style import INK, blank
 
 _CAUSES = {
@@ -24,29 +27,31 @@ _CAUSES = {
     "downlink": "#009E73",
     "sidelink": "#CC79A7",
 }
-_PANELS: dict[str, Callable[[Line], Estimate]] = {
-    "rounds, all tasks": lambda line: line.rounds,
-    "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
-    "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
-}
 _ALL_WIDTH = 0.76
 
 
-def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Mapping[str, str]) -> Figure:
+def group_figure(
+    facts: Sequence[Fact],
+    energy: Energy,
+    what: str,
+    variants: Mapping[str, str],
+    lists: Sequence[PriceList] = PRICE_LISTS,
+) -> Figure:
     """Rounds, energy and bits against the values of what was varied, arm beside arm.
 
     Args:
         facts: of all variants.
-        energy: constants; literal prices.
+        energy: constants.
         what: name of what was varied.
         variants: its value, as shown, -> the variant that has it. Values without facts are left out.
+        lists: a panel of energy by literal prices, and one more a list of the user's own.
     """
     shown = measured_variants(facts, variants)
     arms = list(dict.fromkeys(fact.arm for fact in facts))
-    figure = blank(2.5)
-    for axes, (label, part) in zip(figure.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
+    figure, panels = blank(2.5), _panels(lists)
+    for axes, (label, part) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
         for place, arm in enumerate(arms):
-            held = [line_of(facts, variant, arm, energy) for variant in shown.values()]
+            held = [line_of(facts, variant, arm, energy, lists) for variant in shown.values()]
             failed = [line.not_learned for line in held]
             bars(axes, place, len(arms), [part(line) for line in held], METHOD_COLOURS[method_of(arm)], failed)
         axes.set_xticks(range(len(shown)), list(shown))
@@ -89,11 +94,22 @@ def bars(
     return drawn
 
 
-def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
-    """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned."""
-    figure = blank(3.0)
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
-    held = lines(facts, energy)
+def causes_figure(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
+    """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned.
+
+    Between them, a panel a price list of the user's own.
+    """
+    figure, own = blank(3.0), own_lists(lists)
+    left, *between, right = figure.subplots(1, 2 + len(own), sharey=True, width_ratios=[3, *(2 for _ in own), 2])
+    held = lines(facts, energy, lists)
+    for axes, prices, found in zip(between, own, zip(*(line.own for line in held), strict=True), strict=True):
+        drawn = {place: each for place, each in enumerate(found) if each is not None}
+        joules, halves = (
+            [each.mean / 1e3 for each in drawn.values()],
+            [(each.ci95 or 0.0) / 1e3 for each in drawn.values()],
+        )
+        axes.barh(list(drawn), joules, xerr=halves, color="#bbbbbb", ecolor=INK, capsize=2)
+        axes.set_xlabel(f"$E$ (kJ), {prices.label}")
     for place, line in enumerate(held):
         start = 0.0
         for colour, found in zip(_CAUSES.values(), line.causes, strict=True):
@@ -112,6 +128,20 @@ def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
     handles = [Patch(facecolor=colour, label=name) for name, colour in _CAUSES.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(_CAUSES))
     return figure
+
+
+def _panels(lists: Sequence[PriceList]) -> dict[str, Callable[[Line], Estimate]]:
+    """Axis labels -> what is drawn over them."""
+
+    def own(place: int) -> Callable[[Line], Estimate]:
+        return lambda line: _scaled(line.own[place] or Estimate(math.nan, None, line.total.n), 1e3)
+
+    return {
+        "rounds, all tasks": lambda line: line.rounds,
+        "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
+        **{f"$E$ (kJ), {each.label}": own(place) for place, each in enumerate(own_lists(lists))},
+        "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
+    }
 
 
 def _scaled(found: Estimate, factor: float) -> Estimate:

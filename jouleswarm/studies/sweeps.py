@@ -56,14 +56,16 @@ def sweep_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all variants, one figure a thing that was varied."""
     made = comparison_outputs(title, facts, record)
     for what, variants in record.groups.items():
-        made.figures[f"{record.study}_{what}"] = partial(group_figure, facts, record.scenario.energy, what, variants)
+        made.figures[f"{record.study}_{what}"] = partial(
+            group_figure, facts, record.scenario.energy, what, variants, record.lists
+        )
     return made
 
 
 def methods_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table and one figure of methods side by side."""
     made = comparison_outputs(title, facts, record)
-    made.figures[record.study] = partial(causes_figure, facts, record.scenario.energy)
+    made.figures[record.study] = partial(causes_figure, facts, record.scenario.energy, record.lists)
     return made
 
 
@@ -71,6 +73,6 @@ def comparison_outputs(title: str, facts: Sequence[Fact], record: Record) -> Out
     """One table of all variants and arms, for programs and for readers; no figure yet."""
     energy = record.scenario.energy
     return Outputs(
-        csv={record.study: comparison_csv(facts, energy)},
-        markdown={record.study: [comparison_markdown(facts, energy, title)]},
+        csv={record.study: comparison_csv(facts, energy, record.lists)},
+        markdown={record.study: [comparison_markdown(facts, energy, title, record.lists)]},
     )

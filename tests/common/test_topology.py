@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.sections import Federation
-from jouleswarm.energy.equations import directed_links
+from jouleswarm.energy.closed_form import directed_links
 from jouleswarm.methods.graph import cluster_graph
 
 
