@@ -112,7 +112,7 @@ class Scenario(Section):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
-        if not self.files:
+        if not any(":" in name for _, name in self.named):
             self._folder = self._prices_folder = None  # two scenarios are equal wherever they were read from
         return self
 

@@ -153,6 +153,11 @@ def test_a_word_that_is_no_list(tmp_path: Path) -> None:
     )
 
 
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    says = f"price list 'nowhere:Mine': no nowhere.py in {tmp_path}, and no such module installed"
+    assert refusal(tmp_path, "nowhere:Mine") == says
+
+
 class Unlike(Bill):
     @property
     def total_j(self) -> float:
