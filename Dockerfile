@@ -21,7 +21,8 @@ RUN /opt/venv/bin/python -c "import tomllib; print(*tomllib.load(open('/wheels/p
  && /opt/venv/bin/pip install --quiet --find-links /wheels --requirement /tmp/requirements.txt
 
 FROM dependencies AS package
-COPY pyproject.toml README.md* /source/
+COPY pyproject.toml README.md LICENSE /source/
+# The four folders and the links to them in jouleswarm: one package.
 COPY agents /source/agents
 COPY broker /source/broker
 COPY common /source/common
@@ -36,7 +37,7 @@ RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/s
       install -d -o 10001 -g 10001 "/handed/$client"; done
 COPY --from=dependencies /opt/venv /opt/venv
 COPY --from=package /package /opt/venv
-COPY scenarios /app/scenarios
+COPY jouleswarm/scenarios /app/scenarios
 COPY deploy/broker_health.py /app/deploy/broker_health.py
 WORKDIR /app
 # All that is written at run time goes to /tmp, /runs, /keys, /handed and /state: the rest of the file system can be read-only.

@@ -1,4 +1,4 @@
-# make run    set up, then run a scenario on this machine     make run SCENARIO=scenarios/toy.toml ARGS="--seed 2"
+# make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
@@ -8,7 +8,7 @@
 #              make run TORCH_INDEX="--index-url <address of the CPU wheels>". Unset, pip decides, by its configuration.
 # TORCH        exact, so that a CPU wheel that is found (2.13.0+cpu counts as newer than 2.13.0) is the one chosen.
 
-SCENARIO    ?= scenarios/quick.toml
+SCENARIO    ?= quick
 ARGS        ?=
 TORCH       ?= torch==2.13.0
 TORCH_INDEX ?=
@@ -48,4 +48,4 @@ wheels: setup
 	$(BIN)/python -m pip download --no-deps --only-binary=:all: --python-version 3.11 --dest wheels $(TORCH_INDEX) "$(TORCH)"
 
 clean:
-	rm -rf $(VENV) wheels *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) wheels build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.common.allocator import keep_freed_memory
 from jouleswarm.common.options import (
     DEFAULT_BROKER,
     BrokerOption,
@@ -20,7 +19,7 @@ from jouleswarm.common.options import (
     SetOption,
     VerboseOption,
 )
-from jouleswarm.common.process import process, use_one_thread
+from jouleswarm.common.process import process
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
@@ -52,21 +51,16 @@ def main(
     Every process of a run takes the same scenario file and the same --set options; one that has others is refused.
     Robots may come in any order; each waits for its neighbours and, if the scenario has the arm, for the data center.
 
-    Example: python -m agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario scenarios/quick.toml
+    Example: python -m jouleswarm.agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario quick
     """
     with process(f"robot {id}", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
-        from jouleswarm.agents.agent import run_agent
-        from jouleswarm.common.bus.credentials import credentials_of
-        from jouleswarm.common.bus.mqtt import MqttBus
-        from jouleswarm.common.disk.lock import Lock
+        from jouleswarm.agents.robot import run_agent
+        from jouleswarm.common.bus.joining import Begun, join
         from jouleswarm.common.disk.state import Keep
         from jouleswarm.common.errors import ConfigurationError, RunError, usable
-        from jouleswarm.common.host import arithmetic, same_arithmetic
-        from jouleswarm.common.meter.meter import Meter
+        from jouleswarm.common.host import arithmetic
         from jouleswarm.common.scenario.reading import load_scenario
-        from jouleswarm.common.wire import topics
-        from jouleswarm.common.wire.messages import Presence, encode_json
 
         settings = load_scenario(scenario, set_ or ())
         assigned = settings.task_of(id)
@@ -75,27 +69,11 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
-        if state is not None:
-            Lock(state, f"robot {id}")  # until the process ends
-        use_one_thread()
-        same_arithmetic(state, arithmetic(), other_processor=other_processor)
-        keep_freed_memory()
-        name = topics.run_name(run or settings.name)
-        gone = encode_json(Presence(agent=id, state="gone"))
-        with usable("--state", state):
-            meter = Meter("client", state)
-        bus = MqttBus.connect(
-            broker,
-            f"agent-{id}",
-            credentials=credentials_of(keys, f"agent-{id}"),
-            will=(topics.presence(name, assigned, id), gone),
-            keepalive_s=settings.bus.keepalive_s,
-            connect_timeout_s=settings.bus.connect_timeout_s,
-            meter=meter,
-        )
+        keep = Keep(state, durable, keep_state)
+        name, bus = join(settings, id, Begun(broker, keys, run, keep, other_processor), arithmetic)
         with usable("--state", state, RunError):
-            run_agent(settings, id, name, bus, Keep(state, durable, keep_state))
+            run_agent(settings, id, name, bus, keep)
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m agents")
+    app()

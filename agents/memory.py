@@ -19,7 +19,7 @@ from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.learning.learner import Weights
+from jouleswarm.common.wire.types import Weights
 
 _ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
 _OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}", PROCESSOR, LOCK)

@@ -15,7 +15,8 @@ import psutil
 from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, fan_out
 from benchmarks.brokers import embedded
 from jouleswarm.broker.meter import BrokerMeter
-from jouleswarm.common.bus.mqtt import MqttBus, wire_id
+from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.bus.paho_client import wire_id
 
 TOPIC = f"{RUN}/ul/1/1/experience"
 

@@ -20,7 +20,8 @@ import psutil
 from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, Crew
 from benchmarks.brokers import embedded
 from fuzz.hostile_packets import connect, subscribe
-from jouleswarm.common.bus.mqtt import MqttBus, parse_url
+from jouleswarm.common.bus.address import parse_url
+from jouleswarm.common.bus.mqtt import MqttBus
 
 MEGABYTE = 1024 * 1024
 

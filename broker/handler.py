@@ -70,7 +70,7 @@ class Exchange(Protocol):
 
 
 class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
-    """amqtt's handler with a delivery path of its own (see README.md for what is overridden and why)."""
+    """amqtt's handler with a delivery path of its own (see docs/broker.md for what is overridden and why)."""
 
     def __init__(self, broker: Exchange, connection: Connection, session: Session) -> None:
         super().__init__(broker.plugins_manager, session)

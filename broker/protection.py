@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import ipaddress
-from pathlib import Path
 
 from jouleswarm.broker.access import Guard, load_guard
+from jouleswarm.broker.options import Options
 from jouleswarm.broker.tls import TlsFiles
 from jouleswarm.common.bus import credentials as folder
 from jouleswarm.common.errors import ConfigurationError
 
 
-def protection_of(
-    keys: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    client_ca: Path | None,
-    users: Path | None,
-    rights: Path | None,
-    login_timeout_s: float,
-) -> tuple[TlsFiles | None, Guard | None]:
+def protection_of(options: Options) -> tuple[TlsFiles | None, Guard | None]:
     """TLS files and guard, each None where the options do not ask for it. Single files come before a folder's.
 
     Raises:
         ConfigurationError: options that belong together are not all there, or a file cannot be read.
     """
+    certificate, key, client_ca = options.tls_cert, options.tls_key, options.tls_client_ca
+    users, rights, keys = options.users, options.rights, options.keys
     if keys is not None:
         folder.warn_of_exposed(keys)
         own = keys / folder.BROKER
@@ -39,7 +33,7 @@ def protection_of(
         readable = [path for path in (key, users) if path is not None and folder.is_exposed(path)]
         folder.warn_of(readable, f"chmod go= {' '.join(map(str, readable))}")
     tls = TlsFiles(certificate, key, client_ca) if certificate is not None and key is not None else None
-    guard = load_guard(users, rights, login_timeout_s) if users is not None and rights is not None else None
+    guard = load_guard(users, rights, options.connect_timeout_s) if users is not None and rights is not None else None
     return tls, guard
 
 

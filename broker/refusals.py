@@ -6,6 +6,11 @@ KEPT = 20
 LINE_LENGTH = 500
 
 
+def shortened(text: str) -> str:
+    """`text`, cut where a client has made it long."""
+    return text if len(text) <= LINE_LENGTH else text[: LINE_LENGTH - 3] + "..."
+
+
 class Refusals:
     """What was refused, each text once with how often, the newest last."""
 
@@ -14,7 +19,7 @@ class Refusals:
 
     def add(self, text: str) -> None:
         """One more; the one that has not happened for longest makes room."""
-        text = text if len(text) <= LINE_LENGTH else text[: LINE_LENGTH - 3] + "..."
+        text = shortened(text)
         self._times[text] = self._times.pop(text, 0) + 1
         if len(self._times) > KEPT:
             del self._times[next(iter(self._times))]

@@ -9,7 +9,6 @@ import logging
 import os
 import signal
 import socket
-import ssl
 import threading
 from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack
@@ -17,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from jouleswarm.broker.acceptor import Acceptor
 from jouleswarm.broker.access import Guard
-from jouleswarm.broker.connection import Connection
 from jouleswarm.broker.core import SwarmBroker
 from jouleswarm.broker.counters import SnapshotPublisher
 from jouleswarm.broker.exporter import start_exporter
@@ -33,7 +32,6 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 logger = logging.getLogger("broker")
 
 WATCH_INTERVAL_S = 0.5
-ACCEPT_PAUSE_S = 0.5
 AGE_INTERVAL_S = 60.0
 LEAVE_S = 10.0
 KEEPALIVE_FACTOR = 1.5  # MQTT 3.1.1, section 3.1.2.10
@@ -129,6 +127,7 @@ def _leave_within(limit_s: float) -> None:
 
     def give_up() -> None:
         logger.error("the broker did not leave within %g s, and is ended", limit_s)
+        logging.shutdown()  # which waits no longer than a moment for who reads it
         os._exit(RunError.exit_code)
 
     timer = threading.Timer(limit_s, give_up)
@@ -176,62 +175,6 @@ def _ending(exit_with_stdin: bool) -> asyncio.Event:
 
         threading.Thread(target=wait_for_end, name="stdin", daemon=True).start()
     return ended
-
-
-class Acceptor:
-    """Takes connections from the listening socket and gives each a task."""
-
-    def __init__(self, listener: socket.socket, broker: SwarmBroker, tls: ssl.SSLContext | None = None) -> None:
-        self._listener, self._broker, self._tls = listener, broker, tls
-        self._loop = asyncio.get_running_loop()
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._resume()
-
-    def _resume(self) -> None:
-        self._loop.add_reader(self._listener, self._accept)
-
-    def _accept(self) -> None:
-        try:
-            sock, _ = self._listener.accept()
-        except (BlockingIOError, ConnectionAbortedError):
-            return
-        except OSError as error:
-            # Out of file descriptors: the listening socket stays readable, so wait a little.
-            logger.error("cannot accept connections for now: %s", error.strerror)
-            self._loop.remove_reader(self._listener)
-            self._loop.call_later(ACCEPT_PAUSE_S, self._resume)
-            return
-        broker = self._broker
-        if len(self._tasks) >= broker.limits.connections:
-            text = f"connection refused: {len(self._tasks)} are open, the limit"
-            broker.meter.refused("refused_connections", text)
-            logger.warning("%s", text)
-            sock.close()
-            return
-        try:
-            if self._tls is not None:
-                sock = self._tls.wrap_socket(sock, server_side=True, do_handshake_on_connect=False)
-            connection = Connection(sock, broker.limits, broker.budget, broker.turns)
-        except OSError:  # gone already
-            sock.close()
-            return
-        task = asyncio.create_task(broker.serve(connection))
-        self._tasks.add(task)
-        task.add_done_callback(self._ended)
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            self._broker.meter.event("internal_errors")
-            logger.error("a connection ended by an error in the broker", exc_info=error)
-
-    async def close(self) -> None:
-        """Stop accepting and end all connections."""
-        self._loop.remove_reader(self._listener)
-        tasks = tuple(self._tasks)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def watch(broker: SwarmBroker) -> None:

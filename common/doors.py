@@ -14,26 +14,62 @@ import importlib.metadata
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
 
+DOORS = "doors"
+"""Folder of a run directory with the user's files: what came in by doors, and what a scenario names beside them."""
+
 Kind = Literal["environments", "networks", "methods", "codecs", "prices"]
 
 # By name and not by import: this is the ground floor, and a process loads only what its scenario asks for.
 SHIPPED: dict[Kind, dict[str, str]] = {
-    "environments": {},
-    "networks": {},
-    "methods": {},
-    "codecs": {},
+    "environments": {
+        "landmarks": "jouleswarm.environments.landmarks.factory:landmarks",
+        "cartpole": "jouleswarm.environments.cartpole:CartPole",
+        "minigrid": "jouleswarm.environments.minigrid:minigrid",
+    },
+    "networks": {
+        "mlp": "jouleswarm.learning.qnetwork:mlp",
+        "deepmind": "jouleswarm.learning.qnetwork:deepmind",
+    },
+    "methods": {
+        "fl": "jouleswarm.methods.consensus:Federated",
+        "isolated": "jouleswarm.methods.consensus:Isolated",
+        "fedavg": "jouleswarm.methods.fedavg:FedAvg",
+        "centralized": "jouleswarm.methods.centralized:Centralized",
+        "maml": "jouleswarm.methods.maml:Maml",
+        "fomaml": "jouleswarm.methods.maml:FirstOrderMaml",
+        "reptile": "jouleswarm.methods.reptile:Reptile",
+        "anil": "jouleswarm.methods.anil:Anil",
+        "multitask": "jouleswarm.methods.multitask:Multitask",
+    },
+    "codecs": {
+        "float32": "jouleswarm.codecs.floats:Float32",
+        "float16": "jouleswarm.codecs.floats:Float16",
+        "int8": "jouleswarm.codecs.int8:Int8",
+        "topk": "jouleswarm.codecs.topk:TopK",
+    },
     "prices": {
         "literal": "jouleswarm.energy.literal:literal",
         "published": "jouleswarm.energy.published:published",
     },
 }
+
+CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
+"""Who looks at what a door has opened before anything is asked of it: `module:function` of the room that knows the
+contract. It takes what was found and its name in words, and raises ConfigurationError."""
+
+TRIALS: dict[Kind, str] = {
+    "codecs": "jouleswarm.codecs.trial:try_codec",
+    "methods": "jouleswarm.methods.trial:try_methods",
+}
+"""Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
+It takes the scenario, and raises ConfigurationError."""
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -48,9 +84,8 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
     Raises:
         ConfigurationError: nothing goes by that name, or its module cannot be imported: one line that says why.
     """
-    known = words(kind)
-    target = name if ":" in name else known.get(name)
-    if target is None:
+    target = name if ":" in name else SHIPPED[kind].get(name)  # what is announced takes a while to be found
+    if target is None and (target := (known := words(kind)).get(name)) is None:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ConfigurationError(f"{_one(kind)} {name!r}: expected {_choice(known)} or module:name{hint}")
@@ -65,6 +100,26 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
             where = getattr(found, "__file__", None) or module_name
             raise ConfigurationError(f"{_one(kind)} {name!r}: {where} has no {part}{hint}")
         found = getattr(found, part)
+    return found
+
+
+def enter(kind: Kind, name: str, folder: Path | None) -> Any:
+    """What `open_door` finds, once it has been seen to be what the door is for (see `CONTRACTS`).
+
+    Raises:
+        ConfigurationError: there is nothing of that name, or it is none.
+    """
+    found = open_door(kind, name, folder)
+    module, _, function = CONTRACTS.get(kind, "").partition(":")
+    if module:
+        getattr(importlib.import_module(module), function)(found, f"{_one(kind)} {name!r}")
+    return found
+
+
+def trial_of(kind: Kind) -> Callable[[Any], None] | None:
+    """Who tries what comes in by a door, if anybody does (see `TRIALS`)."""
+    module, _, function = TRIALS.get(kind, "").partition(":")
+    found: Callable[[Any], None] | None = getattr(importlib.import_module(module), function) if module else None
     return found
 
 

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
+SCENARIO_HELP = "Scenario: a TOML file, or a name: toy, quick, paper, hexapod."
 
-ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")]
+ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
 BrokerOption = Annotated[
     str, typer.Option(envvar="JOULESWARM_BROKER", help="Where the broker is: mqtt://HOST:PORT, or mqtts:// (TLS).")
 ]

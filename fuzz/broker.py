@@ -31,7 +31,7 @@ import psutil
 
 from fuzz.honest_pair import HonestPair
 from fuzz.hostile_packets import KINDS, Kind, connect
-from jouleswarm.common.bus.mqtt import parse_url
+from jouleswarm.common.bus.address import parse_url
 
 MEGABYTE = 1024 * 1024
 LIMITS = ("--max-retained-mb", "8", "--max-offline-sessions", "200")

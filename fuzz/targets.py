@@ -8,12 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel
 
-from jouleswarm.codecs.codec import FLOAT32, MAX_WEIGHT, Array, ExperienceCodec, WeightsCodec, decode
+from jouleswarm.codecs.codec import Codec
+from jouleswarm.codecs.floats import FLOAT32, Float16
+from jouleswarm.codecs.int8 import Int8
+from jouleswarm.codecs.models import decoded, read_model
 from jouleswarm.codecs.observations import decode_experience, encode_experience
 from jouleswarm.codecs.streams import WeightsEncoder
-from jouleswarm.common.bus.bus import Payload
+from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
 from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.sections import ExperienceCodec
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.broker_counters import BrokerLimits, BrokerSnapshot, CountersPiece, CountersRequest
 from jouleswarm.common.wire.messages import (
     MAX_REWARD,
@@ -24,14 +29,15 @@ from jouleswarm.common.wire.messages import (
     RoundRequest,
     decode_json,
     encode_json,
-    read_model,
 )
+from jouleswarm.common.wire.models import MAX_WEIGHT
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
+from jouleswarm.common.wire.types import Array, Payload
 
 SHAPES = {"0.weight": (4, 4, 3, 3), "0.bias": (4,), "5.weight": (4, 16), "5.bias": (4,)}
-CAMERA, NETWORK = (16, 12), (8, 6)  # width, height
-CODECS = (FLOAT32, WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.1))
+CAMERA, NETWORK = (Observation(shape=shape, dtype="uint8") for shape in ((12, 16, 4), (6, 8, 4)))
+CODECS = (FLOAT32, Float16(), Int8(), TopK(0.1))
 EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
 
 
@@ -59,12 +65,12 @@ def _header(round_: int) -> ModelHeader:
     return ModelHeader(task=2, agent=3, round=round_, reward=41.5, samples=20, rewards={3: (round_, 40.0), 4: (1, -3)})
 
 
-def _model(codec: WeightsCodec) -> Target:
+def _model(codec: Codec) -> Target:
     encoder, base = WeightsEncoder(codec), _weights(0)
 
     def read(payload: Payload) -> None:
         tensors, header = read_model(payload, SHAPES, codec)
-        _promise_weights(decode(codec, tensors, SHAPES, base))
+        _promise_weights(decoded(codec, tensors, SHAPES, base if header.round > 1 else None))
         assert all(
             abs(reward) <= MAX_REWARD and 1 <= round_ <= header.round for round_, reward in header.rewards.values()
         )
@@ -91,14 +97,14 @@ def _kept_model() -> Target:
 def _motion(codec: ExperienceCodec, rng: np.random.Generator) -> Target:
     def read(payload: Payload) -> None:
         frame, header = decode_experience(payload, codec, CAMERA, NETWORK)
-        assert frame.shape == (NETWORK[1], NETWORK[0], 4)
+        assert frame.shape == NETWORK.shape
         assert frame.dtype == np.uint8
         assert abs(header.reward) <= MAX_REWARD
-        assert 0 <= header.action <= 3
+        assert header.action >= 0
 
-    frame = rng.integers(0, 256, (CAMERA[1], CAMERA[0], 4), np.uint8)
+    frame = rng.integers(0, 256, CAMERA.shape, np.uint8)
     header = MotionHeader(task=2, agent=3, round=1, motion=0, action=3, reward=-1.5, first=True, terminated=False)
-    return Target(f"motion {codec}", (encode_experience(frame, header, codec, *NETWORK),), read)
+    return Target(f"motion {codec}", (encode_experience(frame, header, codec, NETWORK),), read)
 
 
 def _messages() -> tuple[Target, ...]:

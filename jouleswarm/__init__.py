@@ -12,12 +12,14 @@ if TYPE_CHECKING:
     from jouleswarm.api import Run as Run
     from jouleswarm.api import run as run
     from jouleswarm.energy.literal import literal as literal
+    from jouleswarm.learning.qnetwork import QNetwork as QNetwork
+    from jouleswarm.methods.method import Method as Method
 
 _HOMES = {
     "run": "jouleswarm.api",
     "Run": "jouleswarm.api",
     "Method": "jouleswarm.methods.method",
-    "QNetwork": "jouleswarm.learning.networks",
+    "QNetwork": "jouleswarm.learning.qnetwork",
     "literal": "jouleswarm.energy.literal",
 }
 

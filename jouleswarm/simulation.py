@@ -1,6 +1,6 @@
 """A whole run in one process over the in-memory bus: same loops, same results, no broker.
 
-python -m jouleswarm.simulation scenarios/quick.toml --set seed=2
+python -m jouleswarm.simulation quick --set seed=2
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.bus.reporter import Telemetry
 from jouleswarm.common.process import use_one_thread

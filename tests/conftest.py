@@ -12,6 +12,7 @@ import torch
 
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.keys import make_keys
+from tests.made_up_run import facts, write_run  # noqa: F401 -- fixtures of several rooms' tests
 
 TOY = Path(__file__).parents[1] / "scenarios" / "toy.toml"
 

@@ -10,8 +10,7 @@ from typing import Protocol
 
 from jouleswarm.common.errors import MessageTooLargeError
 from jouleswarm.common.meter.meter import Meter, publish_body_bytes, publish_packet_bytes
-
-Payload = bytes | bytearray | memoryview
+from jouleswarm.common.wire.types import Payload
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from urllib.parse import quote, unquote
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from jouleswarm.common.bus.bus import Message, Payload
+from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.state import write_whole
@@ -28,6 +28,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import MAX_COUNT, Acknowledgement, Count, Presence, decode_json, encode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.common.wire.types import Payload
 
 PIECE_BYTES = 256 * 1024
 """What a piece of a report is filled to; one holds a row at least."""

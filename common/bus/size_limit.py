@@ -43,7 +43,7 @@ class SizeLimit:
         if size_bytes > limit_bytes:
             raise MessageTooLargeError(
                 f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "
-                "raise its limit (--max-message-mb), or make what is sent smaller (network, weights_codec)"
+                "raise its limit (--max-message-mb), or make what is sent smaller (network, federation.codec)"
             )
 
     def not_taken(self, topic: str, packet_bytes: int) -> None:

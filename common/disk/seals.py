@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.wire.types import Payload
 
 Checksums = npt.NDArray[np.uint32]
 

@@ -13,16 +13,13 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 import safetensors
 import safetensors.numpy
 
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.disk.seals import Seal
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.errors import RunError
-
-Array = npt.NDArray[Any]
+from jouleswarm.common.wire.types import Array, Payload
 
 
 @dataclass(frozen=True)

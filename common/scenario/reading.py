@@ -13,20 +13,23 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.spaces import Interface
 
-DOORS = "doors"
-"""Folder of a run directory with the user's files that came in by doors."""
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 
 
-def load_scenario(
-    given: str | Path | Mapping[str, Any], overrides: Iterable[str | tuple[str, object]] = ()
-) -> Scenario:
-    """Read a scenario file and apply `section.key=value` overrides (values are TOML, or plain text; or pairs).
+Override = str | tuple[str, object]
+"""`section.key=value` (a value is TOML, or plain text), or (section.key, value)."""
+
+
+def load_scenario(given: str | Path | Mapping[str, Any], overrides: Iterable[Override] = ()) -> Scenario:
+    """Read a scenario file and apply overrides.
 
     A plain name is one that comes with the package: `quick`. A run's manifest.json is a scenario file too: the run's
     own, resolved. What a file would hold may be given itself. Files that a scenario names are looked for beside its
@@ -36,55 +39,76 @@ def load_scenario(
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
     if isinstance(given, Mapping):
-        data, where, folder = copy.deepcopy(dict(given)), "given as a dict", Path.cwd()
+        data, where, folder, interface = copy.deepcopy(dict(given)), "given as a dict", Path.cwd(), None
     else:
         path = scenario_path(given)
-        data, where, folder = _read(path), str(path), path.parent
-        if path.parent == SCENARIOS:
+        (data, interface), where, folder = _read(path), str(path), path.parent
+        if folder == SCENARIOS:
             folder = Path.cwd()
         elif path.suffix == ".json":
-            folder = path.parent / DOORS
+            folder /= DOORS
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, where, folder)
+    return scenario_from(data, where, folder, interface)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """What a file holds: a scenario, and its sizes where it is a run's manifest."""
     try:
         text = path.read_text(encoding="utf-8")
-        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
+        held = parse_json(text) if path.suffix == ".json" else {"scenario": parse_toml(text)}
+        data, interface = held["scenario"], held.get("interface")
     except OSError as error:
         raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
     except ValueError as error:
         expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
         raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
-    return data
+    return data, interface
 
 
 def scenario_path(path: str | Path) -> Path:
-    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package."""
+    """A scenario's file: of a plain name, such as `quick`, the one that comes with the package.
+
+    Raises:
+        ConfigurationError: neither a file nor such a name.
+    """
     path = Path(path)
-    if path.suffix or len(path.parts) != 1 or path.exists():
+    if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
-        raise ConfigurationError(f"scenario {path}: expected a file, or one of {', '.join(known)}")
+        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
     return SCENARIOS / f"{path.name}.toml"
 
 
-def with_overrides(
-    scenario: Scenario, overrides: Iterable[str | tuple[str, object]], where: str, prices_folder: Path | None = None
+def with_prices(
+    scenario: Scenario, overrides: Iterable[Override], where: str, prices_folder: Path | None = None
 ) -> Scenario:
-    """A scenario with `section.key=value` overrides, as text or as (section.key, value).
+    """A scenario with overrides of its section energy; nothing else of it is looked at, nor needs to be there.
 
     Args:
         scenario: stays as it is.
-        overrides: one after the other.
+        overrides: `energy.key=value`.
         where: names its origin in errors.
         prices_folder: in which price lists are looked for before the scenario's own.
+
+    Raises:
+        ConfigurationError: as `load_scenario`.
+    """
+    data: dict[str, Any] = {"energy": scenario.energy.model_dump(mode="json")}
+    for override in overrides:
+        _apply(data, override)
+    try:
+        return scenario.at(Energy.model_validate(data["energy"]), prices_folder)
+    except ValidationError as error:
+        raise ConfigurationError(f"scenario {where}: {_one_line(error, 'energy.')}") from error
+
+
+def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str) -> Scenario:
+    """A scenario with overrides; `where` names its origin in errors.
 
     Raises:
         ConfigurationError: as `load_scenario`.
@@ -92,30 +116,45 @@ def with_overrides(
     data = scenario.model_dump(mode="json")
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, where, scenario.folder, prices_folder)
+    changed = scenario_from(data, where, scenario.folder)
+    changed.known.extend(scenario.known)
+    return changed
 
 
 def scenario_from(
-    data: dict[str, Any], where: str, folder: Path | None = None, prices_folder: Path | None = None
+    data: dict[str, Any], where: str, folder: Path | None = None, interface: dict[str, Any] | None = None
 ) -> Scenario:
-    """Validate a scenario given as plain data; `where` names its origin in errors, `folder` holds files it names.
+    """Validate a scenario given as plain data.
+
+    Args:
+        data: of the scenario.
+        where: names its origin in errors.
+        folder: holds files that it names.
+        interface: its sizes, where a run's manifest has them (see `common.scenario.spaces`).
 
     Raises:
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
     try:
-        scenario = Scenario.model_validate(data, context={"folder": folder, "prices_folder": prices_folder})
+        known = None if interface is None else Interface.model_validate(interface)
+        scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
-    if misfit := next(misfits(scenario), None):
+    if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun
         raise ConfigurationError(f"scenario {where}: {misfit}")
+    try:
+        for kind in dict(scenario.named):
+            if trial := trial_of(kind):
+                trial(scenario)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"scenario {where}: {error}") from error
     return scenario
 
 
-def _apply(data: dict[str, Any], override: str | tuple[str, object]) -> None:
+def _apply(data: dict[str, Any], override: Override) -> None:
     told = override if isinstance(override, str) else "=".join(map(str, override))
     shown = repr(told) if len(told) <= 80 else repr(told[:77]) + "..."
-    key, equals, _ = told.partition("=")
+    key, equals, text = told.partition("=")
     if not equals or not key:
         raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
     *sections, last = key.strip().split(".")
@@ -123,7 +162,7 @@ def _apply(data: dict[str, Any], override: str | tuple[str, object]) -> None:
         data = data.setdefault(section, {})
         if not isinstance(data, dict):
             raise ConfigurationError(f"override {shown}: {section!r} is not a section")
-    data[last] = _value(told.partition("=")[2], shown) if isinstance(override, str) else override[1]
+    data[last] = _value(text, shown) if isinstance(override, str) else override[1]
 
 
 def _value(text: str, shown: str) -> Any:
@@ -135,10 +174,10 @@ def _value(text: str, shown: str) -> Any:
         raise ConfigurationError(f"override {shown}: {error}") from error
 
 
-def _one_line(error: ValidationError) -> str:
+def _one_line(error: ValidationError, within: str = "") -> str:
     parts = []
     for item in error.errors(include_url=False):
-        where = ".".join(str(level) for level in item["loc"])
+        where = within + ".".join(str(level) for level in item["loc"])
         got = "" if item["type"] in ("value_error", "missing", "extra_forbidden") else f", got {_short(item['input'])}"
         parts.append(f"{where}: {item['msg'].removeprefix('Value error, ')}{got}".removeprefix(": "))
     return "; ".join(parts)

@@ -8,25 +8,22 @@ Headers are padded to a fixed size: a robot's payload is as long in round 9 as i
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Annotated, Literal, Self, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
-from jouleswarm.codecs.codec import FLOAT32, Array, Shapes, Tensors, WeightsCodec, check, is_difference, layouts
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.tensorfile import (
     MAX_HEADER_BYTES,
     Header,
+    code_of,
     decode_tensors,
     encode_tensors,
     first_reason,
 )
+from jouleswarm.common.wire.types import Array, Payload
 
-Weights = Mapping[str, npt.NDArray[np.float32]]
 MOTION_METADATA_BYTES = 320
 MAX_REWARD = 1e9
 """The largest |reward| that is taken: scenarios stay far below, and in float32 its square is finite, so no message can
@@ -36,6 +33,8 @@ MAX_COUNT = 2**53
 """Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
 MAX_TOLD = 300
 """Characters that a process may use to say what it waits for."""
+CODEC_NAME = r"^[A-Za-z0-9_.-]{1,32}$"
+"""What a codec may call itself: it stands in every header, whose size is fixed."""
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 Reward = Annotated[float, Field(ge=-MAX_REWARD, le=MAX_REWARD, allow_inf_nan=False)]
@@ -58,7 +57,7 @@ class ModelHeader(Header):
     rewards: Annotated[dict[int, tuple[int, Reward]], BeforeValidator(from_json)] = Field(
         default_factory=dict, description="newest known (round, episode reward) of each robot of the cluster"
     )
-    codec: Literal["float16", "int8", "topk"] | None = Field(None, description="of the tensors; none: float32")
+    codec: str | None = Field(None, pattern=CODEC_NAME, description="of the tensors; none: float32")
     padding: str = ""
 
     @model_validator(mode="after")
@@ -78,16 +77,16 @@ class MotionHeader(Header):
     agent: int = Field(ge=1, le=MAX_COUNT)
     round: int = Field(ge=1, le=MAX_COUNT)
     motion: Count
-    action: int = Field(ge=0, le=3)
+    action: Count
     reward: Reward
     first: Annotated[bool, BeforeValidator(from_json)] = Field(description="the frame opens an episode")
     terminated: Annotated[bool, BeforeValidator(from_json)]
-    codec: Literal["png", "resized"] | None = Field(None, description="of the frame; none: raw")
+    codec: Literal["png", "resized"] | None = Field(None, description="of the observation; none: raw")
     padding: str = ""
 
 
 class Presence(Header):
-    """Where a process stands: its `stage` only grows (see agents/agent.py).
+    """Where a process stands: its `stage` only grows (see agents/robot.py).
 
     done: it has ended, and nobody needs it any more; the recorder removes this when the run is over. Of the recorder
     itself, that the whole run is recorded.
@@ -140,58 +139,24 @@ class Episode(Header):
     reward: Reward
 
 
-def encode_model(tensors: Mapping[str, Array], header: ModelHeader, robots: int = 0) -> bytes:
-    """A model as a safetensors file: float32 weights, or what a codec made of them; tensors in the order given.
-
-    The file is as long as with the rewards of `robots` robots, however many are known yet.
-    """
-    return encode_tensors(tensors, header, 320 + 48 * max(robots, len(header.rewards)))
-
-
-def decode_model(payload: Payload, shapes: Shapes) -> tuple[dict[str, npt.NDArray[np.float32]], ModelHeader]:
-    """Read a float32 model and check it against the expected tensors.
-
-    Raises:
-        PayloadError: not a safetensors file, another schema, other names, shapes or dtype, or values that are not
-            finite or beyond `codecs.codec.MAX_WEIGHT`.
-    """
-    return read_model(payload, shapes, FLOAT32)
-
-
-def read_model(payload: Payload, shapes: Shapes, codec: WeightsCodec) -> tuple[Tensors, ModelHeader]:
-    """A model's tensors as its codec left them, checked and ready for `codecs.streams.WeightsDecoder`.
-
-    Raises:
-        PayloadError: as `decode_model`, or another codec's, or differences in a first round.
-    """
-    tensors, header = decode_tensors(payload, layouts(codec, shapes), ModelHeader, f"model in {codec.name}")
-    try:
-        if (header.codec or "float32") != codec.name:
-            raise PayloadError(f"in {header.codec or 'float32'}, expected {codec.name}")
-        if is_difference(tensors) and header.round <= 1:
-            raise PayloadError("differences, expected a whole model in the first round")
-        check(tensors, shapes)
-    except PayloadError as error:
-        raise PayloadError(f"model of robot {header.agent}, round {header.round}: {error}") from error
-    return tensors, header
-
-
-def encode_motion(frame: npt.NDArray[np.uint8], header: MotionHeader) -> bytes:
-    """One motion with a frame, uint8 [height, width, 4], of the camera's or the network's size."""
-    return encode_tensors({"frame": frame}, header, MOTION_METADATA_BYTES)
+def encode_motion(observation: Array, header: MotionHeader) -> bytes:
+    """One motion with its observation, as it was seen or as it is kept."""
+    return encode_tensors({"frame": observation}, header, MOTION_METADATA_BYTES)
 
 
 def decode_motion(
-    payload: Payload, height: int, width: int, codec: Literal["resized"] | None = None
-) -> tuple[npt.NDArray[np.uint8], MotionHeader]:
+    payload: Payload, expected: Observation, codec: Literal["resized"] | None = None
+) -> tuple[Array, MotionHeader]:
     """Read one motion.
 
     Raises:
-        PayloadError: not a motion of this frame size and codec.
+        PayloadError: not a motion of this codec and such an observation, or with numbers that cannot be.
     """
-    layout = {"frame": ("U8", (height, width, 4))}
+    layout = {"frame": (code_of(expected.dtype), expected.shape)}
     tensors, header = decode_tensors(payload, [layout], MotionHeader, "motion")
     check_codec(header, codec)
+    if reason := expected.misfit(tensors["frame"]):
+        raise PayloadError(f"motion of robot {header.agent}: an observation {reason}, expected {expected}")
     return tensors["frame"], header
 
 

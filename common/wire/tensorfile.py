@@ -12,17 +12,23 @@ import numpy as np
 import safetensors
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from jouleswarm.codecs.codec import Array, Layout
-from jouleswarm.common.bus.bus import Payload
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.wire.types import Array, Layout, Payload
 
 MAX_HEADER_BYTES = 64 * 1024
 _DTYPES: dict[str, np.dtype[Any]] = {
+    "F64": np.dtype("<f8"),
     "F32": np.dtype("<f4"),
     "F16": np.dtype("<f2"),
+    "I64": np.dtype("<i8"),
     "I32": np.dtype("<i4"),
+    "I16": np.dtype("<i2"),
     "I8": np.dtype("i1"),
+    "U64": np.dtype("<u8"),
+    "U32": np.dtype("<u4"),
+    "U16": np.dtype("<u2"),
     "U8": np.dtype("u1"),
+    "BOOL": np.dtype("bool"),
 }
 _CODES = {dtype: code for code, dtype in _DTYPES.items()}
 _MALFORMED = (
@@ -34,6 +40,11 @@ _MALFORMED = (
     struct.error,
     safetensors.SafetensorError,
 )
+
+
+def code_of(dtype: str) -> str:
+    """What safetensors calls a NumPy dtype."""
+    return _CODES[np.dtype(dtype)]
 
 
 class Header(BaseModel):
@@ -106,6 +117,20 @@ def decode_floats(payload: Payload, kind: type[HeaderT], what: str) -> tuple[dic
         raise PayloadError(f"{what}: not a safetensors file with our metadata: {error!r}") from error
 
 
+def layout_of(tensors: Mapping[str, Array]) -> Layout:
+    """How tensors lie on the wire; a dtype that does not go there has numpy's name."""
+    return {name: (_CODES.get(tensor.dtype) or str(tensor.dtype), tensor.shape) for name, tensor in tensors.items()}
+
+
+def layout_bytes(layout: Layout) -> int:
+    """Bytes of the tensors of a message, header apart.
+
+    Raises:
+        KeyError: a dtype that does not go on the wire.
+    """
+    return sum(_DTYPES[code].itemsize * math.prod(shape) for code, shape in layout.values())
+
+
 def tensor_bytes(payload: Payload) -> int:
     """Bytes that a file's tensors take by its own account: all but the header; negative where it has none."""
     if len(payload) < 8:
@@ -122,7 +147,7 @@ def first_reason(error: ValidationError) -> str:
 
 def _of_this_size(payload: Payload, layouts: Sequence[Layout], what: str) -> list[Layout]:
     """The layouts whose tensors together are as long as the payload's; nothing is allocated before this holds."""
-    sizes = [_size(layout) for layout in layouts]
+    sizes = [layout_bytes(layout) for layout in layouts]
     expected = " or ".join(str(size) for size in sizes)
     if not any(size < len(payload) <= size + 8 + MAX_HEADER_BYTES for size in sizes):
         raise PayloadError(f"{what}: {len(payload)} bytes, expected {expected} and a header")
@@ -131,10 +156,6 @@ def _of_this_size(payload: Payload, layouts: Sequence[Layout], what: str) -> lis
         wanted = " or ".join(str(len(payload) - 8 - size) for size in sizes)
         raise PayloadError(f"{what}: header of {len(payload) - 8 - left} bytes, expected {wanted}")
     return [layout for layout, size in zip(layouts, sizes, strict=True) if size == left]
-
-
-def _size(layout: Layout) -> int:
-    return sum(_DTYPES[code].itemsize * math.prod(shape) for code, shape in layout.values())
 
 
 def _header(payload: Payload, kind: type[HeaderT]) -> tuple[dict[str, Any], HeaderT]:

@@ -21,7 +21,7 @@ from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import LOCK, await_free
 from jouleswarm.common.disk.state import StateFile
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.topics import ROOT, Link, link_of
+from jouleswarm.common.wire.topics import Link, link_of
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.packages import command_of
 from jouleswarm.runs.directory import STATE
@@ -235,13 +235,6 @@ def _fill_disk(site: Site, robot: str) -> str:
     with contextlib.suppress(ProcessLookupError):
         resource.prlimit(site.launcher.pids[robot], resource.RLIMIT_FSIZE, (size_bytes, size_bytes))
     return robot
-
-
-def onlooker(url: str, run: str, connect_timeout_s: float) -> MqttBus:
-    """A client that hears what can be duplicated."""
-    bus = MqttBus.connect(url, "onlooker", connect_timeout_s=connect_timeout_s)
-    bus.subscribe(f"{ROOT}/{run}/+/sl/#", f"{ROOT}/{run}/+/ul/#", f"{ROOT}/{run}/+/dl/#")
-    return bus
 
 
 def refused(twin: subprocess.Popen[bytes], *, wait: bool = False) -> bool | None:

@@ -10,13 +10,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jouleswarm.chaos.faults import TWINS, Site, inject, onlooker, refused
+from jouleswarm.chaos.faults import TWINS, Site, inject, refused
 from jouleswarm.chaos.plan import FAILED, Fault
 from jouleswarm.chaos.proxy import Proxy
 from jouleswarm.chaos.ramdisk import RamDisk
 from jouleswarm.chaos.scenes import ENDED_BY_AN_ERROR, INTERRUPTED
+from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.topics import ROOT
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.recorder import Recorder
 
@@ -85,7 +87,7 @@ class Chaos:
     @contextlib.contextmanager
     def line(self, url: str, launcher: Launcher, recorder: Recorder) -> Iterator[str]:
         """The processes talk to the broker by a proxy that can be told to spoil their connections."""
-        eye = onlooker(url, self.run, self.scenario.bus.connect_timeout_s)
+        eye = _onlooker(url, self.run, self.scenario.bus.connect_timeout_s)
         with Proxy(url, self.rng.randrange(2**31)) as proxy:
             self._recorder = recorder
             self._site = Site(
@@ -191,3 +193,10 @@ class Chaos:
         if fault.target.startswith("agent-"):
             return sum(f"agent-{row.agent}" == fault.target for row in self._rows)
         return sum(row.agent == 0 for row in self._rows) if fault.target == "datacenter" else len(self._rows)
+
+
+def _onlooker(url: str, run: str, connect_timeout_s: float) -> MqttBus:
+    """A client that hears what can be duplicated."""
+    bus = MqttBus.connect(url, "onlooker", connect_timeout_s=connect_timeout_s)
+    bus.subscribe(f"{ROOT}/{run}/+/sl/#", f"{ROOT}/{run}/+/ul/#", f"{ROOT}/{run}/+/dl/#")
+    return bus

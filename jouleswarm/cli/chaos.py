@@ -31,7 +31,7 @@ def chaos(
     bit-identical weights, and what must be refused or told must be; the exit code is 1 if not. The memories of motions
     are made so small that they are written over in every run, unless --set says otherwise.
 
-    Example: jouleswarm chaos scenarios/toy.toml --faults 100 --seed 1
+    Example: jouleswarm chaos toy --faults 100 --seed 1
     """
     import typing
 

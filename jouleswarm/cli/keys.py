@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.common.options import SetOption
+from jouleswarm.common.options import SCENARIO_HELP, SetOption
 
 keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
 
@@ -19,7 +19,7 @@ def _group() -> None:
 
 @keys.command()
 def init(
-    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML).")],
+    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)],
     out: Annotated[Path, typer.Option(help="The folder to make; it must not be there yet.")] = Path("keys"),
     hosts: Annotated[
         str, typer.Option(help="Host names and addresses that clients reach the broker by, with commas between.")
@@ -42,9 +42,9 @@ def init(
 
     \b
     Example:
-      jouleswarm keys init scenarios/quick.toml --out keys --hosts broker.example,127.0.0.1
-      python -m broker --host 0.0.0.0 --keys keys
-      python -m agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario scenarios/quick.toml
+      jouleswarm keys init quick --out keys --hosts broker.example,127.0.0.1
+      python -m jouleswarm.broker --host 0.0.0.0 --keys keys
+      python -m jouleswarm.agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario quick
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.keys import make_keys, refresh_keys
@@ -62,8 +62,8 @@ def init(
         "Next, all on this machine:\n"
         f"  jouleswarm run {scenario} --keys {out}\n"
         "or process by process:\n"
-        f"  python -m broker --keys {out}\n"
+        f"  python -m jouleswarm.broker --keys {out}\n"
         f"  jouleswarm record {scenario} {there}\n"
-        f"  python -m datacenter --scenario {scenario} {there}\n"
-        f"  python -m agents --id 1 --scenario {scenario} {there}"
+        f"  python -m jouleswarm.datacenter --scenario {scenario} {there}\n"
+        f"  python -m jouleswarm.agents --id 1 --scenario {scenario} {there}"
     )

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from jouleswarm.cli.options import Out, RunId, ScenarioFile, Seed, overrides
-from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
 def _present(path: Path, figures: bool) -> None:
@@ -24,7 +24,7 @@ def _present(path: Path, figures: bool) -> None:
 def run(
     scenario: Annotated[
         Path | None,
-        typer.Argument(envvar="JOULESWARM_SCENARIO", help="Scenario file (TOML), for example scenarios/quick.toml."),
+        typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP),
     ] = None,
     seed: Seed = None,
     set_: SetOption = None,
@@ -88,7 +88,7 @@ def record(
     --run-id (default: the scenario's name), as with the processes' --run.
     """
     from jouleswarm.common.scenario.reading import load_scenario
-    from jouleswarm.fleet.deploy import record_deployment
+    from jouleswarm.fleet.recording import record_deployment
     from jouleswarm.report.view import View
 
     settings = load_scenario(scenario, overrides(set_, seed))

@@ -36,7 +36,8 @@ class Profile(StrEnum):
 
 ProfileOption = Annotated[Profile, typer.Option(help="compact: scenario quick; paper: scenario paper.")]
 ScenarioChoice = Annotated[
-    Path | None, typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario file in place of the profile's.")
+    Path | None,
+    typer.Option(envvar="JOULESWARM_SCENARIO", help="Scenario, a file or a name, in place of the profile's."),
 ]
 Seeds = Annotated[int | None, typer.Option(help="How many seeds. Default: the study's own.")]
 FirstSeed = Annotated[int, typer.Option(help="The first of the seeds.")]

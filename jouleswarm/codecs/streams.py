@@ -1,29 +1,20 @@
-"""A sender's models, one after the other, as receivers come to hold them: the state behind `codecs.codec`."""
+"""A sender's models, one after the other, as receivers come to hold them: what a codec's messages build on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from jouleswarm.codecs.codec import (
-    MAX_WEIGHT,
-    Array,
-    Shapes,
-    Tensors,
-    Weights,
-    WeightsCodec,
-    decode,
-    encode,
-    largest_weight,
-)
+from jouleswarm.codecs.codec import Codec
+from jouleswarm.codecs.models import builds_on_base, decoded, encoded
 from jouleswarm.common.disk.state import State
-from jouleswarm.common.errors import TrainingError
-from jouleswarm.common.wire.messages import ModelHeader, encode_model
+from jouleswarm.common.errors import PayloadError, TrainingError
+from jouleswarm.common.wire.messages import ModelHeader
+from jouleswarm.common.wire.models import MAX_WEIGHT, PLAIN, encode_model, largest_weight
+from jouleswarm.common.wire.types import Shapes, Tensors, Weights
 
 
 class WeightsEncoder:
     """One sender's side, for one arm."""
 
-    def __init__(self, codec: WeightsCodec) -> None:
+    def __init__(self, codec: Codec) -> None:
         self.codec = codec
         self._public: Weights | None = None
 
@@ -45,22 +36,25 @@ class WeightsEncoder:
                     f"{name} has a weight of size {largest:g}, expected at most {MAX_WEIGHT:g}; lower the learning rate"
                 )
         shapes = {name: tensor.shape for name, tensor in weights.items()}
-        tensors = encode(self.codec, weights, self._public)
-        self._public = decode(self.codec, tensors, shapes, self._public)
+        tensors = encoded(self.codec, weights, self._public)
+        try:
+            self._public = decoded(self.codec, tensors, shapes, self._public)
+        except PayloadError as error:
+            raise TrainingError(f"own weights do not come back: {error}") from error
         return tensors
 
     def payload(self, weights: Weights, header: ModelHeader, robots: int = 0) -> bytes:
         """The next message, with the codec in its header; as long as with the rewards of `robots` robots."""
-        lossy = None if self.codec.name == "float32" else self.codec.name
-        return encode_model(self.encode(weights), header.model_copy(update={"codec": lossy}), robots)
+        named = None if self.codec.name == PLAIN else self.codec.name
+        return encode_model(self.encode(weights), header.model_copy(update={"codec": named}), robots)
 
     def rebase(self, public: Weights) -> None:
         """Receivers hold this model now, known to them from elsewhere; the next message builds on it."""
         self._public = public
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`. What a lossless codec tells does not depend on what was told before."""
-        return State() if self.codec.is_lossless or self._public is None else State(dict(self._public))
+        """See `common.disk.state.Stateful`."""
+        return _state(self.codec, self._public)
 
     def load_state(self, state: State) -> None:
         """See `common.disk.state.Stateful`."""
@@ -70,17 +64,17 @@ class WeightsEncoder:
 class WeightsDecoder:
     """One receiver's side of one sender's messages of one arm. Each must be decoded once, in the order of rounds."""
 
-    def __init__(self, codec: WeightsCodec, shapes: Shapes) -> None:
+    def __init__(self, codec: Codec, shapes: Shapes) -> None:
         self._codec, self._shapes = codec, shapes
         self._public: Weights | None = None
 
-    def decode(self, tensors: Mapping[str, Array]) -> Weights:
-        """The sender's public copy after checked tensors of `common.wire.messages.read_model`.
+    def decode(self, tensors: Tensors) -> Weights:
+        """The sender's public copy after checked tensors of `codecs.models.read_model`.
 
         Raises:
-            PayloadError: differences to a model that never came.
+            PayloadError: differences to a model that never came, or no model comes of them.
         """
-        self._public = decode(self._codec, tensors, self._shapes, self._public)
+        self._public = decoded(self._codec, tensors, self._shapes, self._public)
         return self._public
 
     def rebase(self, public: Weights) -> None:
@@ -89,8 +83,14 @@ class WeightsDecoder:
 
     def state(self) -> State:
         """See `common.disk.state.Stateful`."""
-        return State() if self._codec.is_lossless or self._public is None else State(dict(self._public))
+        return _state(self._codec, self._public)
 
     def load_state(self, state: State) -> None:
         """See `common.disk.state.Stateful`."""
         self._public = state.arrays or None
+
+
+def _state(codec: Codec, public: Weights | None) -> State:
+    # What a lossless codec tells does not depend on what was told before, unless it tells differences.
+    forgets = codec.lossless and not builds_on_base(codec)
+    return State() if forgets or public is None else State(dict(public))

@@ -11,14 +11,12 @@ from typing import Literal, NamedTuple
 from pydantic import ValidationError
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.reading import with_overrides
+from jouleswarm.common.scenario.reading import Override, with_prices
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
 
 Beta = float | Literal["measured"]
 """What `energy.beta` may be: cost of an exact meta-gradient over a first-order one, 1 or more, or the measured one."""
-Change = str | tuple[str, object]
-"""`energy.KEY=VALUE` as text, or (energy.KEY, value)."""
 
 
 class _Kind(NamedTuple):
@@ -57,14 +55,14 @@ class Prices:
     via_base_station: bool = False  # price sidelinks as up to the base station and down; False keeps the run's own
 
     @property
-    def changes(self) -> list[Change]:
+    def changes(self) -> list[Override]:
         """The same as changes of a scenario.
 
         Raises:
             ConfigurationError: a value beyond what a scenario may have there.
         """
         given = {name: getattr(self, name) for name in _SHORT if getattr(self, name) is not None}
-        changes: list[Change] = [(f"energy.{_SHORT[name][0]}", _checked(name, given[name])) for name in given]
+        changes: list[Override] = [(f"energy.{_SHORT[name][0]}", _checked(name, given[name])) for name in given]
         return [*changes, ("energy.sidelink", "via_base_station")] if self.via_base_station else changes
 
 
@@ -84,7 +82,7 @@ def parse_beta(text: str) -> Beta:
     return value
 
 
-def reprice(scenario: Scenario, changes: Iterable[Change], where: str) -> tuple[Scenario, str]:
+def reprice(scenario: Scenario, changes: Iterable[Override], where: str) -> tuple[Scenario, str]:
     """A scenario at other prices, and what these put into file names: "" for the same prices.
 
     Price lists that are named anew are looked for in the current folder, before those that a run has kept.
@@ -104,7 +102,7 @@ def reprice(scenario: Scenario, changes: Iterable[Change], where: str) -> tuple[
             raise ConfigurationError(f"--set {each}: expected energy.KEY=VALUE; anything else needs another run")
     fields = list(dict.fromkeys(key.removeprefix("energy.") for key in keys))
     folder = Path.cwd() if "prices" in fields else None
-    other = with_overrides(scenario, held, where, folder)
+    other = with_prices(scenario, held, where, folder)
     words = "".join(f"-{_word(field, getattr(other.energy, field))}" for field in fields)
     return other, "" if other.energy == scenario.energy else words
 

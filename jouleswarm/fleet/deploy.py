@@ -2,84 +2,48 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
-import importlib.metadata
-import json
-import platform
 import resource
 import secrets
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rich.console import Console
 
-from jouleswarm.common.bus.credentials import Credentials, credentials_of
-from jouleswarm.common.bus.mqtt import MqttBus, parse_url
+from jouleswarm.common.bus.address import parse_url
+from jouleswarm.common.bus.credentials import credentials_of
 from jouleswarm.common.disk.lock import Lock, await_free
 from jouleswarm.common.disk.verify import check_states
-from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError, usable
-from jouleswarm.common.host import machine, moved
-from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.errors import ConfigurationError, RunError, usable
+from jouleswarm.common.host import moved
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import Presence, encode_json
-from jouleswarm.energy.prices import price_lists
 from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
-from jouleswarm.fleet.learning import check_learning
 from jouleswarm.fleet.packages import command_of
-from jouleswarm.fleet.preflight import check_largest_message
-from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
+from jouleswarm.fleet.recorder import CLIENT
+from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, watch
 from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
 from jouleswarm.runs.run import other_version, read_manifest
-from jouleswarm.runs.summary import SCHEMA
 from jouleswarm.runs.traffic import DATA_CENTER
 
-_PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
-_PUMP_S = 0.2
 _BROKER_FILES = 16  # beside one a client
 RESTARTS = 20
 _WAIT_FOR_CHILDREN_S = 10.0
-
-
-class Intruder(Protocol):
-    """Who does harm to a deployment on purpose (see jouleswarm/chaos/intruder.py)."""
-
-    @property
-    def tick_s(self) -> float:
-        """How long it may be until the next `tick`."""
-
-    def line(self, url: str, launcher: Launcher, recorder: Recorder) -> AbstractContextManager[str]:
-        """The broker's URL as the processes are to know it."""
-
-    def tick(self) -> None:
-        """Called again and again while the run goes on."""
 
 
 def new_run_id(scenario: Scenario) -> str:
     """A name no other run has."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
     return f"{scenario.name}-{now}-{secrets.token_hex(2)}"
-
-
-class View(Protocol):
-    """Shows a run while it goes on."""
-
-    def update(self) -> None:
-        """Called again and again."""
-
-
-Viewing = Callable[[Console, Scenario, Recorder], AbstractContextManager[View]]
 
 
 @dataclass(frozen=True)
@@ -114,7 +78,7 @@ def run_deployment(
     They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
-    with _begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+    with begun(out, run, "jouleswarm run", console, with_state=True) as directory:
         _deploy(scenario, run, directory, console, options)
     return directory.path
 
@@ -145,25 +109,9 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
             directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
         scenario = load_scenario(held)
         _check(scenario, options)
-        _say_where(directory, console)
+        say_where(directory, console)
         _deploy(scenario, manifest["run"], directory, console, options)
     return path
-
-
-@contextlib.contextmanager
-def _begun(out: Path, run: str, who: str, console: Console, *, with_state: bool) -> Iterator[RunDirectory]:
-    """A new run directory of one's own, told in the first line that a run prints."""
-    path = out / topics.run_name(run)
-    with usable("--out", out):
-        path.mkdir(parents=True, exist_ok=True)
-    with Lock(path, who):
-        directory = RunDirectory(path, state=path / STATE / CLIENT if with_state else None)
-        _say_where(directory, console)
-        yield directory
-
-
-def _say_where(directory: RunDirectory, console: Console) -> None:
-    console.print(f"run directory: {directory.path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _check_processor(manifest: dict[str, Any], path: Path, options: Options, console: Console) -> None:
@@ -188,13 +136,13 @@ def _arithmetic_here() -> str:
 
 
 def _check(scenario: Scenario, options: Options) -> None:
-    price_lists(scenario)
     if options.broker is not None:
         parse_url(options.broker)
     else:
         _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
+    try_out(scenario)
 
 
 def _check_open_files(clients: int) -> None:
@@ -232,10 +180,10 @@ def _deploy(
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
-        recording = _recording(
+        recorder_at_work = recording(
             scenario, url, run, directory, console, credentials, state, embedded=embedded, launcher=launcher
         )
-        recorder = stack.enter_context(recording)
+        recorder = stack.enter_context(recorder_at_work)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
         common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
@@ -246,133 +194,11 @@ def _deploy(
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        _watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
+        watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
     shutil.rmtree(state)
-
-
-def record_deployment(
-    scenario: Scenario,
-    run: str,
-    out: Path,
-    broker: str,
-    console: Console,
-    ready_file: Path | None = None,
-    keys: Path | None = None,
-    view: Viewing | None = None,
-) -> Path:
-    """Record a run whose processes others start; returns the run directory.
-
-    `ready_file` is written once the recorder listens: from then on the processes may be started.
-    """
-    parse_url(broker)  # before anything is written
-    price_lists(scenario)
-    credentials = credentials_of(keys, CLIENT)
-    with ExitStack() as stack:
-        directory = stack.enter_context(_begun(out, run, "jouleswarm record", console, with_state=False))
-        stack.enter_context(telling_what_is_kept(directory.path))
-        stack.enter_context(usable("run directory", directory.path, RunError))
-        recording = _recording(scenario, broker, run, directory, console, credentials, embedded=False)
-        recorder = stack.enter_context(recording)
-        if ready_file is not None:
-            with usable("--ready-file", ready_file):
-                ready_file.touch()
-        _watch(scenario, recorder, console, view)
-    return directory.path
-
-
-def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[str, Any]:
-    """What `manifest.json` holds; on what each process computes comes with its presence."""
-    return {
-        "schema": SCHEMA,
-        "run": run,
-        "scenario": scenario.model_dump(mode="json"),
-        "doors": scenario.digests,
-        "seed": scenario.seed,
-        "versions": {
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in ("jouleswarm", *_PACKAGES)},
-        },
-        "host": machine(),
-        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "broker": {"embedded": embedded, "url": str(parse_url(url))},  # without user and password
-    }
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:
     ready = launcher.start_broker(options)
     console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
     return ready["url"]
-
-
-@contextlib.contextmanager
-def _recording(
-    scenario: Scenario,
-    url: str,
-    run: str,
-    directory: RunDirectory,
-    console: Console,
-    credentials: Credentials | None,
-    state: Path | None = None,
-    *,
-    embedded: bool,
-    launcher: Launcher | None = None,
-) -> Iterator[Recorder]:
-    """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
-    described = manifest(scenario, run, url, embedded=embedded)
-    if (directory.path / MANIFEST).exists():
-        before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
-        described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
-    directory.doors(scenario.files)
-    directory.manifest(described)
-    bus = MqttBus.connect(
-        url,
-        CLIENT,
-        credentials=credentials,
-        will=(topics.recorder(run), encode_json(Presence(agent=0, state="gone"))),
-        keepalive_s=scenario.bus.keepalive_s,
-        connect_timeout_s=scenario.bus.connect_timeout_s,
-        meter=Meter("client", state and state / CLIENT),
-        # Before its processes are there, and once they are done, nobody else notices that the broker was killed.
-        look_after_broker=None if launcher is None else launcher.check_broker,
-    )
-    check_largest_message(bus, scenario, run)
-    recorder = Recorder(bus, scenario, run, directory, state)
-    status: Status = "failed"
-    try:
-        yield recorder
-        check_learning(scenario, directory.rows)
-        status = "complete"
-    except KeyboardInterrupt:
-        status = "interrupted"
-        raise
-    finally:
-        try:
-            recorder.close(status)
-        except JouleSwarmError as error:
-            # What ended the run is worth more than that its end could not be told to a broker that is gone.
-            if status == "complete":
-                raise
-            console.print(f"no final counters from the broker: {error}", highlight=False, markup=False, soft_wrap=True)
-
-
-def _watch(
-    scenario: Scenario,
-    recorder: Recorder,
-    console: Console,
-    viewing: Viewing | None,
-    launcher: Launcher | None = None,
-    intruder: Intruder | None = None,
-    broker_log: BrokerLog | None = None,
-) -> None:
-    with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
-        while recorder.waiting_for:
-            recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
-            recorder.check()
-            if launcher is not None:
-                launcher.check()
-            if intruder is not None:
-                intruder.tick()
-            if broker_log is not None:
-                broker_log.show()
-            if view is not None:
-                view.update()

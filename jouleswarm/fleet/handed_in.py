@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from jouleswarm.common.bus.reporter import PIECE_BYTES, MeterReport
 from jouleswarm.common.errors import RunError
-from jouleswarm.common.meter.meter import MeterRow
+from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire.rows import RoundRow
 
@@ -84,3 +85,17 @@ class HandedIn:
         self.whole[piece.client] = report
         del self._open[piece.client]
         return rounds
+
+    def rows(self, clients: Sequence[str], state: Path | None) -> list[MeterRow]:
+        """What processes have counted; of those that handed nothing in, as far as their folders in `state` tell."""
+        kept = {each: read_rows("client", state / each) for each in clients if state and each not in self.whole}
+        return [
+            row for each in clients for row in (self.whole[each].rows if each in self.whole else kept.get(each, []))
+        ]
+
+    def work(self, clients: Sequence[str], state: Path | None) -> list[WorkRow]:
+        """What processes have computed and moved, in the same way."""
+        kept = {each: read_work(each, state / each) for each in clients if state and each not in self.whole}
+        return [
+            row for each in clients for row in (self.whole[each].work if each in self.whole else kept.get(each, []))
+        ]

@@ -5,24 +5,21 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 from jouleswarm.common.bus.agreement import proclamation
 from jouleswarm.common.bus.bus import Bus, Message
-from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
 from jouleswarm.common.errors import BrokerUnreachableError, PayloadError, RunError
-from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
-from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import Acknowledgement, Presence, Wait, decode_json, encode_json
+from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_json, encode_json
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
-from jouleswarm.fleet.admission import check_presence, check_report, check_row, learned_name, snapshot_name
+from jouleswarm.fleet.admission import check_report, check_row, learned_name, snapshot_name
+from jouleswarm.fleet.attendance import Attendance
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
 from jouleswarm.runs.directory import RunDirectory
@@ -35,7 +32,6 @@ CLIENT = topics.RECORDER
 Status = Literal["complete", "interrupted", "failed"]
 _PROGRESS_EVERY_S = 0.5
 _FAREWELL_S = 5.0
-_FORGOTTEN_AFTER = 3  # times bus.resend_after_s, after which a wait that is not told again is over
 
 
 class Recorder:
@@ -47,21 +43,12 @@ class Recorder:
         """`state`: folder with a folder of each process's counters, for those that hand in none."""
         self._state = state
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
-        self._begun = time.monotonic()
         self._progress_at = 0.0
         self._reports = HandedIn()
         self._received: dict[str, dict[topics.Link, int]] = {}
         self.refused = 0
-        self._gone: dict[str, float] = {}
         self._processors: dict[str, str] = {}
-        self._again: set[str] = set()
-        self._present: dict[str, Presence] = {}
-        self._waits: dict[str, tuple[float, Wait]] = {}
-        self.stages: dict[str, int] = {}
-        """How far each process has come (see agents/agent.py); 2 * arms + 1: done."""
-        self._patience = Patience(bus, run, scenario.federation.give_up_after_s)
-        self._patience.begin()
-        self._asked_s = self._begun
+        self._attendance = Attendance(bus, scenario, run)
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
@@ -79,24 +66,19 @@ class Recorder:
     @property
     def waiting_for(self) -> list[str]:
         """Processes that have not handed in their counters yet, or are back since."""
-        left = [client for client in self._clients if client not in self._reports.whole or client in self._again]
-        return [] if all(self._is_left_out(client) for client in left) else left
+        whole, there = self._reports.whole, self._attendance
+        left = [client for client in self._clients if client not in whole or there.is_again(client)]
+        return [] if all(there.is_left_out(client) for client in left) else left
+
+    @property
+    def stages(self) -> dict[str, int]:
+        """How far each process has come (see agents/agent.py); 2 * arms + 1: done."""
+        return self._attendance.stages
 
     @property
     def waits(self) -> list[str]:
         """Who waits for what, and for how long nothing has come of it, the longest first: what lasts, in words."""
-        now_s, after_s = time.monotonic(), self._scenario.bus.resend_after_s
-        told = {
-            client: (now_s - at_s + wait.quiet_s, f"{client} waits for {wait.what}")
-            for client, (at_s, wait) in self._waits.items()
-            if now_s - at_s < _FORGOTTEN_AFTER * after_s
-        }
-        silent = [
-            (self._patience.silent_s(client), f"nothing heard of {client}")
-            for client in self._silent()
-            if client not in told
-        ]
-        return [f"{what} ({quiet_s:.0f} s)" for quiet_s, what in sorted([*told.values(), *silent], reverse=True)]
+        return self._attendance.waits(self.waiting_for)
 
     @property
     def received_bytes(self) -> dict[str, int]:
@@ -115,7 +97,7 @@ class Recorder:
     @property
     def elapsed_s(self) -> float:
         """Seconds since the recorder began to listen."""
-        return time.monotonic() - self._begun
+        return self._attendance.elapsed_s
 
     def pump(self, timeout_s: float) -> None:
         """Take what comes within `timeout_s`; a message that cannot be read is left out with a warning."""
@@ -133,42 +115,13 @@ class Recorder:
             RunError: one has been gone for longer than a lost connection may take to be won back, or nothing has been
                 heard of it for too long (federation.give_up_after_s).
         """
-        if time.monotonic() - self._asked_s >= self._scenario.bus.resend_after_s:
-            self._asked_s = time.monotonic()
-            if silent := self._silent():
-                self._patience.ask(silent, ", ".join(silent))
-            else:
-                self._patience.end()
-        if self._scenario.federation.on_missing == "proceed":
-            return
-        for client, since_s in self._gone.items():
-            if client in self._reports.whole:  # all that it had to say is written down
-                continue
-            if self.elapsed_s - since_s > self._scenario.bus.connect_timeout_s:
-                raise RunError(f"{client} died, its connection broke off; see what it printed")
+        self._attendance.check(self.waiting_for, self._reports.whole)
 
     @property
     def _clients(self) -> list[str]:
         """All processes that are to hand in counters."""
         robots = [f"agent-{agent}" for agent in self._scenario.agents]
         return [*robots, DATA_CENTER] if self._scenario.needs_datacenter else robots
-
-    def _silent(self) -> list[str]:
-        """Processes that are waited for, and have not been heard of for a while."""
-        after_s = self._scenario.bus.resend_after_s
-        waiting = (client for client in self.waiting_for if not self._is_left_out(client))
-        return [client for client in waiting if self._patience.silent_s(client) >= after_s]
-
-    def _counted_by(self, client: str) -> list[MeterRow]:
-        """The counters of a process that was killed or interrupted, as far as it has come."""
-        return read_rows("client", self._state / client) if self._state is not None else []
-
-    def _is_left_out(self, client: str) -> bool:
-        """Whether a process is gone for good and the others go on without it (federation.on_missing)."""
-        settings, since_s = self._scenario.federation, self._gone.get(client)
-        if settings.on_missing == "wait" or since_s is None:
-            return False
-        return self.elapsed_s - since_s > settings.missing_after_s
 
     def close(self, status: Status) -> None:
         """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
@@ -187,7 +140,7 @@ class Recorder:
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
-        clients, work = self._clients_rows(), self._work_done()
+        clients, work = self._reports.rows(self._clients, self._state), self._reports.work(self._clients, self._state)
         try:
             rows, source = self._broker.end(patience_s, clients)
         except (RunError, BrokerUnreachableError) as error:
@@ -203,24 +156,12 @@ class Recorder:
         self._directory.summary(
             summarise(settings, self._directory.rows, meter, work_rows=work, status=status, source=source)
         )
-        self._forget_done()
+        self._attendance.forget_done()
         if status == "complete":
             self._see_off()
         self._bus.close()
         if failed is not None:
             raise failed
-
-    def _clients_rows(self) -> list[MeterRow]:
-        """What all processes but the recorder have counted themselves."""
-        whole = self._reports.whole
-        of_clients = (whole[each].rows if each in whole else self._counted_by(each) for each in self._clients)
-        return list(chain.from_iterable(of_clients))
-
-    def _work_done(self) -> list[WorkRow]:
-        """What all processes have computed and moved."""
-        whole, state = self._reports.whole, self._state
-        kept = {each: read_work(each, state / each) for each in self._clients if state and each not in whole}
-        return [row for each in self._clients for row in (whole[each].work if each in whole else kept.get(each, []))]
 
     def _hear(self, message: Message) -> None:
         try:
@@ -235,20 +176,14 @@ class Recorder:
         self._bus.publish(word, encode_json(Presence(agent=0, state="done")), retain=True)
         self._bus.subscribe(present)
         until = time.monotonic() + _FAREWELL_S
-        while self._present and (left_s := until - time.monotonic()) > 0:
+        while self._attendance.has_anybody and (left_s := until - time.monotonic()) > 0:
             message = self._bus.receive(left_s)
             if message is not None and message.topic.endswith("/presence"):
                 with contextlib.suppress(PayloadError):
                     self._take_presence(message)
-                    self._forget_done()
-        if not self._present:  # else who comes late finds it
+                    self._attendance.forget_done()
+        if not self._attendance.has_anybody:  # else who comes late finds it
             self._bus.publish(word, b"", retain=True)
-
-    def _forget_done(self) -> None:
-        """Remove the presences of processes that have gone, for good."""
-        for topic in [topic for topic, presence in self._present.items() if presence.state != "here"]:
-            del self._present[topic]
-            self._bus.publish(topic, b"", retain=True)
 
     def _take(self, message: Message) -> None:
         topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
@@ -266,15 +201,14 @@ class Recorder:
         elif kind == "presence":
             self._take_presence(message)
         elif kind == "wait":
-            self._take_wait(message)
+            self._attendance.take_wait(message)
         else:
             report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
             check_report(report, kind, self._clients, self._scenario)
-            self._gone.pop(report.client, None)
             if (rounds := self._reports.take(report)) is not None:
                 self._directory.complete(rounds)
-                self._again.discard(report.client)
-            self._heard(report.client)
+                self._attendance.is_through(report.client)
+            self._attendance.is_back(report.client)
             self._acknowledge(topic, report.client, report.part)
 
     def _acknowledge(self, topic: str, client: str, part: str = "") -> None:
@@ -289,35 +223,10 @@ class Recorder:
         self._acknowledge(message.topic, DATA_CENTER)
 
     def _take_presence(self, message: Message) -> None:
-        if not message.payload:
-            self._present.pop(message.topic, None)
+        if (presence := self._attendance.take_presence(message, self._reports.whole)) is None:
             return
-        presence = decode_json(message.payload, Presence)
-        check_presence(presence, message.topic, self._scenario, self._run)
-        self._present[message.topic] = presence
-        client = client_of(presence.agent)
         if presence.processor is not None:
-            self._note_processor(client, presence.processor)
-        if presence.state == "gone":
-            self._gone.setdefault(client, self.elapsed_s)
-            self._again.discard(client)
-        else:
-            self._gone.pop(client, None)
-            self._heard(client)
-            self.stages[client] = max(self.stages.get(client, 0), presence.stage)
-            if presence.stage == 0 and client in self._reports.whole:  # killed since: what it counts now is to come
-                self._again.add(client)
-
-    def _take_wait(self, message: Message) -> None:
-        wait = decode_json(message.payload, Wait)
-        self._patience.take(message)
-        if wait.what:
-            self._waits[wait.client] = (time.monotonic(), wait)
-
-    def _heard(self, client: str) -> None:
-        """It has got on."""
-        self._patience.heard(client)
-        self._waits.pop(client, None)
+            self._note_processor(client_of(presence.agent), presence.processor)
 
     def _note_processor(self, client: str, processor: str) -> None:
         if self._processors.get(client) == processor:
@@ -334,8 +243,7 @@ class Recorder:
         self._directory.round(row)
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
-        self._gone.pop(client, None)
-        self._heard(client)
+        self._attendance.is_back(client)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s
             self._directory.progress({"time_s": round(self.elapsed_s, 3), "bytes": self.received_bytes})

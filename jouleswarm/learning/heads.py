@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from torch import nn
+if TYPE_CHECKING:  # a report needs no torch
+    from torch import nn
 
 T = TypeVar("T")
 
 
 def head_of(model: nn.Sequential) -> tuple[str, ...]:
-    """Names of the last layer's parameters."""
-    last = str(len(model) - 1)
+    """Names of the last child's parameters."""
+    last = [name for name, _ in model.named_children()][-1]
     return tuple(name for name, _ in model.named_parameters() if name.split(".")[0] == last)
 
 

@@ -15,8 +15,9 @@ from rich.table import Table
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
+from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.repricing import Change, Prices, reprice
+from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.html import write_html
@@ -42,7 +43,7 @@ def report(
     run_dir: str | Path,
     prices: Prices | None = None,
     *,
-    changes: Iterable[Change] = (),
+    changes: Iterable[Override] = (),
     html: bool = False,
     figures: bool = False,
     console: Console | None = None,

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, method_of, snapshot_of
+from jouleswarm.common.scenario.arms import method_of, snapshot_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link, agent_of, task_of
-from jouleswarm.energy.closed_form import RoundSizes, directed_links
+from jouleswarm.energy.closed_form import RoundSizes
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, Work
+from jouleswarm.methods.graph import directed_links
 from jouleswarm.runs.beta import measured_beta
 from jouleswarm.runs.facts import meta_counts, meta_rounds, stage_share, task_counts, task_results
 from jouleswarm.runs.sizes import expected_counts
@@ -83,9 +85,8 @@ def in_closed_form(facts: Facts, scenario: Scenario, rounds: Mapping[int, float]
 
 def links_of(scenario: Scenario, method: str) -> dict[int, int]:
     """Task -> directed links between neighbours that a method's rounds send over."""
-    linked = method not in (*SERVED_METHODS, "isolated")
-    robots = {task: len(cluster) for task, cluster in scenario.clusters.items()}
-    return {task: directed_links(size, scenario.federation) if linked else 0 for task, size in robots.items()}
+    linked = scenario.method(method).partners == "neighbours"
+    return {task: directed_links(scenario, task) if linked else 0 for task in scenario.clusters}
 
 
 def _parts(
@@ -97,7 +98,7 @@ def _parts(
     lost: Sequence[WorkRow],
 ) -> dict[tuple[Phase, int], Counts]:
     parts: dict[tuple[Phase, int], Counts] = {}
-    if method_of(arm) in META_METHODS:
+    if scenario.method(method_of(arm)).stage is not None:
         parts["ml", STAGE] = meta_counts(rows, meter_rows, arm, measure=measure, lost=lost)
     for task in scenario.clusters:
         parts["fl", task] = task_counts(rows, meter_rows, arm, task=task, measure=measure, lost=lost)
@@ -106,20 +107,18 @@ def _parts(
 
 def _flows(rows: Sequence[RoundRow], meter_rows: Sequence[MeterRow], arm: str) -> Iterator[Flow]:
     """What was delivered; what carried a shared phase ml up was booked under the method's own name."""
-    method = method_of(arm)
-    has_stage, share = method in META_METHODS, stage_share(rows, arm)
-    for link in (Link.UPLINK, Link.DOWNLINK, Link.SIDELINK):
-        in_stage = has_stage and link != Link.SIDELINK
-        is_shared = in_stage and link == Link.UPLINK
+    method, share = method_of(arm), stage_share(rows, arm)
+    for link, (told, phase) in product((Link.UPLINK, Link.DOWNLINK, Link.SIDELINK), _PHASES.items()):
+        is_shared = (link, phase) == (Link.UPLINK, "ml")
         found: dict[tuple[int, str, str], list[float]] = {}
-        for row in deliveries(meter_rows, method if is_shared else arm, link):
-            task = STAGE if in_stage and link == Link.DOWNLINK else _number(task_of(row.topic))
+        for row in deliveries(meter_rows, method if is_shared else arm, link, phase=told):
+            task = STAGE if (link, phase) == (Link.DOWNLINK, "ml") else _number(task_of(row.topic))
             sender = DATA_CENTER if link == Link.DOWNLINK else client_of(_number(agent_of(row.topic)))
             sums = found.setdefault((task, sender, row.client), [0, 0, 0])
             for place, count in enumerate((row.messages, row.payload_bytes, row.packet_bytes)):
                 sums[place] += count * share if is_shared else count
         for (task, sender, receiver), (messages, payload, packet) in found.items():
-            yield Flow("ml" if in_stage else "fl", task, link, sender, receiver, messages, payload, packet)
+            yield Flow(phase, task, link, sender, receiver, messages, payload, packet)
 
 
 def _number(level: str) -> int:

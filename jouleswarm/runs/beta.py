@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from statistics import fmean
 
-from jouleswarm.common.scenario.arms import EXACT_METHODS
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.methods.shipped import shipped
 
 
 def measured_beta(rows: Iterable[RoundRow], method: str) -> float | None:
@@ -15,7 +15,8 @@ def measured_beta(rows: Iterable[RoundRow], method: str) -> float | None:
     None if it was not measured.
     """
     mine = [row for row in rows if (row.arm, row.phase, row.agent) == (method, "maml", 0)]
-    if method not in EXACT_METHODS or not mine:
+    kind = shipped(method)  # of a user's: where it has gradients on B^(b), they may be exact
+    if not (any(row.gradients_query for row in mine) if kind is None else kind.exact and mine):
         return 1.0
     found = [row.beta for row in mine if row.beta is not None]
     return fmean(found) if found else None

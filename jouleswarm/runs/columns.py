@@ -52,8 +52,10 @@ def columns(run: Run, arm: str, energy: Energy) -> list[Column]:
 
 def closed_facts(run: Run, arm: str, sizes: RoundSizes | None = None) -> Facts:
     """An arm's facts from its round numbers alone."""
-    rounds = run.mean_rounds(arm) if method_of(arm) == "isolated" else run.rounds(arm)
-    return in_closed_form(run.facts[arm], run.scenario, rounds, sizes or scenario_sizes(run.scenario))
+    facts = run.facts[arm]
+    alone = run.scenario.method(facts.method).partners == "nobody"
+    rounds = run.mean_rounds(arm) if alone else run.rounds(arm)
+    return in_closed_form(facts, run.scenario, rounds, sizes or scenario_sizes(run.scenario))
 
 
 def telling_lists(run: Run) -> dict[str, PriceList]:

@@ -20,10 +20,11 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
     After a power failure the newest counts of work may be missing: what rows tell was done, whatever the counters say.
     """
     kept: dict[tuple[str, str, str, int], list[int]] = {}
+    robots = set(scenario.agents)
     for row in rows:
         counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0])
         query = row.gradients_query or 0
-        motions = scenario.learning.motions_per_round if row.agent else 0
+        motions = scenario.motions(row.agent) if row.agent in robots else 0
         for index, count in enumerate((row.gradients - query, query, motions)):
             counts[index] += count
     found = []

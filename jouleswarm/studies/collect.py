@@ -7,7 +7,7 @@ from dataclasses import asdict
 from itertools import groupby
 from statistics import fmean
 
-from jouleswarm.common.scenario.arms import META_METHODS, Arm
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.facts import STAGE
 from jouleswarm.runs.directory import computed_on
@@ -23,7 +23,7 @@ def facts_of(run: Run) -> list[Fact]:
     """
     facts = []
     for arm in run.scenario.arms:
-        if arm.method in META_METHODS:
+        if arm.t0:
             facts.append(_meta_fact(run, arm))
         facts += [_task_fact(run, arm, result) for result in run.results[arm.name]]
     return facts

@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from jouleswarm.common.scenario.arms import method_of
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.prices import PriceList, own_lists
-from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.prices import PriceList, own_lists, price_lists
+from jouleswarm.report.arms import method_colour, method_label
 from jouleswarm.studies.comparison import Line, line_of, lines
 from jouleswarm.studies.estimates import Estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import PRICE_LISTS
 from jouleswarm.studies.style import INK, blank
 
 _CAUSES = {
@@ -30,37 +29,39 @@ _CAUSES = {
 _ALL_WIDTH = 0.76
 
 
-def group_figure(
-    facts: Sequence[Fact],
-    energy: Energy,
-    what: str,
-    variants: Mapping[str, str],
-    lists: Sequence[PriceList] = PRICE_LISTS,
-) -> Figure:
-    """Rounds, energy and bits against the values of what was varied, arm beside arm.
+def group_figure(facts: Sequence[Fact], scenario: Scenario, what: str, variants: Mapping[str, str]) -> Figure:
+    """Rounds, energy and bits against the values of what was varied, arm beside arm; energy by literal prices, and in
+    a panel each by the user's own lists.
 
     Args:
         facts: of all variants.
-        energy: constants.
+        scenario: whose constants, price lists and methods.
         what: name of what was varied.
         variants: its value, as shown, -> the variant that has it. Values without facts are left out.
-        lists: a panel of energy by literal prices, and one more a list of the user's own.
     """
     shown = measured_variants(facts, variants)
     arms = list(dict.fromkeys(fact.arm for fact in facts))
-    figure, panels = blank(2.5), _panels(lists)
+    figure, lists = blank(2.5), price_lists(scenario)
+    panels = _panels(own_lists(lists))
     for axes, (label, part) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
         for place, arm in enumerate(arms):
-            held = [line_of(facts, variant, arm, energy, lists) for variant in shown.values()]
+            held = [line_of(facts, variant, arm, scenario.energy, lists) for variant in shown.values()]
             failed = [line.not_learned for line in held]
-            bars(axes, place, len(arms), [part(line) for line in held], METHOD_COLOURS[method_of(arm)], failed)
+            colour = method_colour(scenario, method_of(arm))
+            bars(axes, place, len(arms), [part(line) for line in held], colour, failed)
         axes.set_xticks(range(len(shown)), list(shown))
         axes.set_xlabel(what)
         axes.set_ylabel(label)
-    methods = [method_of(arm) for arm in arms]
-    handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
+    figure.legend(handles=method_patches(scenario, arms), loc="outside upper right", ncols=len(arms))
     return figure
+
+
+def method_patches(scenario: Scenario, arms: Sequence[str]) -> list[Patch]:
+    """Each arm's method in a legend."""
+    methods = [method_of(arm) for arm in arms]
+    return [
+        Patch(facecolor=method_colour(scenario, method), label=method_label(scenario, method)) for method in methods
+    ]
 
 
 def measured_variants(facts: Sequence[Fact], variants: Mapping[str, str]) -> dict[str, str]:
@@ -94,21 +95,20 @@ def bars(
     return drawn
 
 
-def causes_figure(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
+def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
     """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned.
 
     Between them, a panel a price list of the user's own.
     """
-    figure, own = blank(3.0), own_lists(lists)
+    figure, lists = blank(3.0), price_lists(scenario)
+    own = own_lists(lists)
     left, *between, right = figure.subplots(1, 2 + len(own), sharey=True, width_ratios=[3, *(2 for _ in own), 2])
-    held = lines(facts, energy, lists)
-    for axes, prices, found in zip(between, own, zip(*(line.own for line in held), strict=True), strict=True):
-        drawn = {place: each for place, each in enumerate(found) if each is not None}
-        joules, halves = (
-            [each.mean / 1e3 for each in drawn.values()],
-            [(each.ci95 or 0.0) / 1e3 for each in drawn.values()],
-        )
-        axes.barh(list(drawn), joules, xerr=halves, color="#bbbbbb", ecolor=INK, capsize=2)
+    held = lines(facts, scenario.energy, lists)
+    for place, (axes, prices) in enumerate(zip(between, own, strict=True)):
+        for row, found in enumerate(line.own[place] for line in held):
+            if found is not None:
+                half = (found.ci95 or 0.0) / 1e3
+                axes.barh(row, found.mean / 1e3, xerr=half, color="#bbbbbb", ecolor=INK, capsize=2)
         axes.set_xlabel(f"$E$ (kJ), {prices.label}")
     for place, line in enumerate(held):
         start = 0.0
@@ -121,7 +121,7 @@ def causes_figure(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceLi
     for place, line in failed.items():
         told = f" {line.not_learned} of {line.trials} not learned"
         right.annotate(told, (0, place), fontsize=6, va="center", ha="left")
-    left.set_yticks(range(len(held)), [METHOD_LABELS[method_of(line.arm)] for line in held])
+    left.set_yticks(range(len(held)), [method_label(scenario, method_of(line.arm)) for line in held])
     left.invert_yaxis()
     left.set_xlabel("energy $E$ (kJ), literal prices")
     right.set_xlabel("rounds, all tasks")
@@ -130,16 +130,16 @@ def causes_figure(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceLi
     return figure
 
 
-def _panels(lists: Sequence[PriceList]) -> dict[str, Callable[[Line], Estimate]]:
+def _panels(own: Sequence[PriceList]) -> dict[str, Callable[[Line], Estimate]]:
     """Axis labels -> what is drawn over them."""
 
-    def own(place: int) -> Callable[[Line], Estimate]:
+    def by_own(place: int) -> Callable[[Line], Estimate]:
         return lambda line: _scaled(line.own[place] or Estimate(math.nan, None, line.total.n), 1e3)
 
     return {
         "rounds, all tasks": lambda line: line.rounds,
         "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
-        **{f"$E$ (kJ), {each.label}": own(place) for place, each in enumerate(own_lists(lists))},
+        **{f"$E$ (kJ), {each.label}": by_own(place) for place, each in enumerate(own)},
         "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
     }
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import own_lists
@@ -41,7 +40,7 @@ def plan(request: Request) -> Plan:
 
 def _check(scenario: Scenario, t0: int) -> None:
     """What only figures would notice, before hours are spent."""
-    measured = [arm.t0 for arm in scenario.arms if arm.method in META_METHODS]
+    measured = [arm.t0 for arm in scenario.arms if arm.t0]
     if not measured or PLAIN not in scenario.arm_names:
         raise ConfigurationError(
             f"study paper: got methods {', '.join(scenario.methods)}, expected one with meta-learning, and {PLAIN}"

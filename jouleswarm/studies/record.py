@@ -6,13 +6,13 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import StudyError
-from jouleswarm.common.scenario.reading import DOORS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.studies.files import write_atomically
 
-RECORD = "study.json"
+RECORD, MODEL_SUFFIX = "study.json", ".safetensors"
 
 
 class Record(BaseModel):
@@ -38,13 +38,14 @@ class Record(BaseModel):
 
 
 def write_record(folder: Path, record: Record) -> None:
-    """Write `study.json`, and beside it the user's files that came in by doors.
+    """Write `study.json`, and beside it the user's files that tables need: all that the scenario names but models.
 
     Raises:
         StudyError: it cannot be written.
     """
-    for module, path in record.scenario.files.items():
-        write_atomically(folder / DOORS / f"{module}.py", path.read_text(encoding="utf-8"))
+    for name, path in record.scenario.files.items():
+        if path.suffix != MODEL_SUFFIX:
+            write_atomically(folder / DOORS / name, path.read_text(encoding="utf-8"))
     write_atomically(folder / RECORD, record.model_dump_json(indent=2) + "\n")
 
 

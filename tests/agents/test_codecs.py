@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from jouleswarm.agents.meta_stage import MetaLink
-from jouleswarm.agents.neighbourhood import Neighbourhood
+from jouleswarm.agents.partners import Partners
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.agents.served import ServerLink
-from jouleswarm.agents.sharing import ParameterServer as ServedSharing
-from jouleswarm.codecs.codec import FLOAT32, CodecName, Weights, WeightsCodec
+from jouleswarm.codecs.codec import Codec, codec_of, open_codec
+from jouleswarm.codecs.floats import FLOAT32, Float16
+from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsEncoder
+from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.reading import scenario_from
@@ -22,18 +23,17 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Bus, Federation
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.datacenter.cluster_rounds import Turn
-from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.datacenter.services import WeightsService
 from jouleswarm.learning.networks import build_qnetwork, to_weights
+from jouleswarm.methods.fedavg import FedAvg
+from jouleswarm.methods.graph import Neighbourhood
 
 RUN, ARM, TASK, ME = "r", "fl", 1, 1
 SHAPES = {"w": (4,)}
 PATIENT_S, DEADLINE_S = 60.0, 20.0
-HALF_OF_THEM = WeightsCodec("topk", 0.5)  # 2 of 4 entries
-
-
-def federation(codec: WeightsCodec) -> Federation:
-    return Federation(codec=codec.name, topk_share=codec.topk_share)
+HALF_OF_THEM = TopK(0.5)  # 2 of 4 entries
 
 
 def header(agent: int, round_: int, **fields: Any) -> ModelHeader:
@@ -49,13 +49,12 @@ def vector(*values: float) -> Weights:
 class Pair:
     """Robot 1 of two, and the hand of the other."""
 
-    def __init__(self, codec: WeightsCodec = HALF_OF_THEM) -> None:
+    def __init__(self, codec: Codec = HALF_OF_THEM) -> None:
         self.hub = MemoryHub()
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
-        self.exchange = Exchange(
-            self.hub.connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), federation(codec)
-        )
-        self.meta = MetaLink(self.exchange, SHAPES)
+        bus = self.hub.connect("agent-1")
+        self.exchange = Exchange(bus, RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), Federation(), codec=codec)
+        self.meta = MetaLink(self.exchange, lambda arm: SHAPES)
         self.other = self.hub.connect("other")
         self.open("fl")
 
@@ -137,19 +136,17 @@ def test_an_arm_begins_with_a_whole_model_again() -> None:
     assert pair.got(1) == [8, 8, 8, 8]
 
 
-NAMES: tuple[CodecName, ...] = ("float32", "float16", "int8", "topk")
+NAMES: tuple[str, ...] = ("float32", "float16", "int8", "topk")
 
 
 @pytest.mark.parametrize(("got", "expected"), list(itertools.permutations(NAMES, 2)))
-def test_weights_and_meta_models_of_another_codec_are_refused_counted_and_waited_past(
-    got: CodecName, expected: CodecName
-) -> None:
-    pair = Pair(WeightsCodec(expected))
+def test_weights_and_meta_models_of_another_codec_are_refused_counted_and_waited_past(got: str, expected: str) -> None:
+    pair = Pair(open_codec(expected, Federation()))
     pair.meta.listen([Arm("maml", "maml", 3)])
-    wrong = WeightsEncoder(WeightsCodec(got))
+    wrong = WeightsEncoder(open_codec(got, Federation()))
     pair.send(wrong.payload(vector(9, 9, 9, 9), header(2, 1)))
     pair.other.publish(topics.meta_model(RUN, "maml"), wrong.payload(vector(9, 9, 9, 9), header(2, 3)))
-    right = WeightsEncoder(WeightsCodec(expected))
+    right = WeightsEncoder(open_codec(expected, Federation()))
     pair.other.publish(topics.meta_model(RUN, "maml"), right.payload(vector(0, 127, 0, -127), header(2, 3)))
     pair.send(pair.theirs.payload(vector(0, 127, 0, -127), header(2, 1)))  # exact in every codec
     assert pair.meta.await_model(Arm("maml", "maml", 3), 3)["w"].tolist() == [0, 127, 0, -127]
@@ -168,14 +165,15 @@ def test_a_meta_model_of_differences_is_refused() -> None:
 
 
 ROUNDS = 30
+FEDAVG = Arm("fedavg", "fedavg", 0)
 
 
 class Averaging:
     """Two robots that learn nothing but once, by `bump`, and the real parameter server between them."""
 
-    def __init__(self, codec: WeightsCodec) -> None:
+    def __init__(self, codec: Codec) -> None:
         self.scenario = _scenario(codec)
-        self.server, self.hub = ParameterServer(self.scenario), MemoryHub()
+        self.server, self.hub = WeightsService(self.scenario, FEDAVG), MemoryHub()
         self.bus = self.hub.connect("datacenter")
         self.bus.subscribe(*(topics.weights_up(RUN, "fedavg", TASK, agent) for agent in (1, 2)))
         self.ends: dict[int, Weights] = {}
@@ -204,33 +202,33 @@ class Averaging:
     def _robot(self, agent: int, weights: Weights, bump: Callable[[int, int, Weights], Weights]) -> None:
         here = Neighbourhood(agent=agent, task=TASK, cluster=(1, 2), neighbours=(), diameter=1)
         shapes = {name: tensor.shape for name, tensor in weights.items()}
-        bus, codec = self.hub.connect(f"agent-{agent}"), self.scenario.federation.weights_codec
-        exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), federation(codec))
-        exchange.open_arm(Arm("fedavg", "fedavg", 0), here, 2)
-        sharing = ServedSharing(ServerLink(exchange), exchange)
+        bus, codec = self.hub.connect(f"agent-{agent}"), codec_of(self.scenario)
+        exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), Federation(), codec=codec)
+        exchange.open_arm(FEDAVG, here, 2, topics.weights_up)
+        partners = Partners(exchange, FedAvg(), self.scenario.federation)
         for round_ in range(1, ROUNDS + 1):
             weights = bump(agent, round_, weights)
-            sharing.share(weights, header(agent, round_))
-            weights = sharing.mixed(weights)
+            partners.meet(weights, header(agent, round_))
+            weights = partners.mixed(weights)
         self.ends[agent] = weights
 
 
-def _scenario(codec: WeightsCodec) -> Scenario:
+def _scenario(codec: Codec) -> Scenario:
     return scenario_from(
         {
             "name": "t", "world": {"rows": 4, "cols": 3}, "methods": ["fedavg"],
             "network": {"width": 8, "height": 6, "conv": [[4, 3, 1]], "dense": [8]},
-            "federation": {"codec": codec.name, "topk_share": codec.topk_share},
+            "federation": {"codec": codec.name, "topk_share": getattr(codec, "share", 0.05)},
             "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X ."}],
         },
         "test",
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("codec", [FLOAT32, WeightsCodec("float16"), WeightsCodec("int8"), WeightsCodec("topk", 0.2)])
-def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: WeightsCodec) -> None:
+@pytest.mark.parametrize("codec", [FLOAT32, Float16(), Int8(), TopK(0.2)])
+def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: Codec) -> None:
     averaging = Averaging(codec)
-    starts = {agent: to_weights(build_qnetwork(averaging.scenario.network, agent)) for agent in (1, 2)}
+    starts = {agent: to_weights(build_qnetwork(averaging.scenario, agent)) for agent in (1, 2)}
     rng = np.random.default_rng(1)
     moved = {name: rng.normal(size=tensor.shape).astype(np.float32) for name, tensor in starts[1].items()}
 

@@ -150,8 +150,8 @@ class RawClient:
 
 
 @contextlib.contextmanager
-def broker_process(*options: str) -> Iterator[BrokerProcess]:
-    """A broker on free ports, with any further options; it ends cleanly with the context."""
+def broker_process(*options: str, stderr: int | None = None) -> Iterator[BrokerProcess]:
+    """A broker on free ports, with any further options; it ends cleanly with the context. `stderr`: as of Popen."""
     command = [
         sys.executable,
         "-m",
@@ -163,7 +163,8 @@ def broker_process(*options: str) -> Iterator[BrokerProcess]:
         "--exit-with-stdin",
         *options,
     ]
-    process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
     assert process.stdin is not None
     assert process.stdout is not None
     ready = json.loads(process.stdout.readline())
@@ -171,13 +172,15 @@ def broker_process(*options: str) -> Iterator[BrokerProcess]:
     process.stdin.close()
     assert process.wait(timeout=DEADLINE_S) == 0
     process.stdout.close()
+    if process.stderr is not None:
+        process.stderr.close()
 
 
 @pytest.fixture
 def start_broker() -> Iterator[Callable[..., BrokerProcess]]:
     """Starts brokers; they end with the test."""
     with contextlib.ExitStack() as stack:
-        yield lambda *options: stack.enter_context(broker_process(*options))
+        yield lambda *options, **more: stack.enter_context(broker_process(*options, **more))
 
 
 @pytest.fixture

@@ -199,7 +199,7 @@ def broken(fault: str, *, closing_stdin: bool) -> tuple[int, list[str]]:
     [
         "jouleswarm.broker.server.SnapshotPublisher.run = fails",
         "jouleswarm.broker.server.watch = fails",
-        "jouleswarm.broker.core.Broker._session_monitor = fails",
+        "jouleswarm.broker.messages.Broker._session_monitor = fails",
     ],
 )
 def test_a_part_that_fails_ends_the_broker_with_one_last_line_that_says_so(fault):
@@ -210,6 +210,6 @@ def test_a_part_that_fails_ends_the_broker_with_one_last_line_that_says_so(fault
 
 
 def test_leaving_has_an_end_of_its_own():
-    code, lines = broken("jouleswarm.broker.core.Broker.shutdown = hangs", closing_stdin=True)
+    code, lines = broken("jouleswarm.broker.messages.Broker.shutdown = hangs", closing_stdin=True)
     assert code == 5
     assert "did not leave within 0.5 s" in lines[-1]

@@ -13,7 +13,7 @@ from jouleswarm.broker.meter import BrokerMeter, by_link
 from jouleswarm.broker.publication import Publication
 from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.bus import matches
-from jouleswarm.common.bus.mqtt import name_of, wire_id
+from jouleswarm.common.bus.paho_client import name_of, wire_id
 from jouleswarm.common.meter.meter import read_rows
 from jouleswarm.common.wire.topics import Link
 

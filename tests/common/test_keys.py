@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from jouleswarm.broker.options import Options
 from jouleswarm.broker.protection import protection_of
 from jouleswarm.common.bus.credentials import credentials_of, exposed
 
@@ -73,7 +74,7 @@ def test_the_broker_warns_of_single_files_too(folder: Path, caplog: pytest.LogCa
         path.write_text("")
         path.chmod(0o644)
     with caplog.at_level(logging.WARNING):
-        protection_of(None, certificate, key, None, None, None, 1.0)
+        protection_of(Options(tls_cert=certificate, tls_key=key))
     assert [record.getMessage() for record in caplog.records] == [
         f"warning: others than the owner can read {key}; chmod go= {key} keeps them out"
     ]

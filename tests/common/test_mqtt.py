@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.common.bus.mqtt import BrokerAddress, MqttBus, parse_url
+from jouleswarm.common.bus.address import BrokerAddress, parse_url
+from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError
 
 ROOT = Path(__file__).parents[2]

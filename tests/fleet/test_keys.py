@@ -123,7 +123,7 @@ def test_the_command_says_what_it_made_and_what_to_do_next(tmp_path: Path) -> No
     made = jouleswarm("keys", "init", str(TOY), "--out", str(out), "--hosts", "broker, 127.0.0.1")
     assert made.returncode == 0, made.stderr
     for each in ("agent-4, datacenter, recorder, health", "broker, 127.0.0.1", f"jouleswarm run {TOY} --keys {out}",
-                 f"python -m broker --keys {out}", f"--keys {out} --broker mqtts://broker:8883"):  # fmt: skip
+                 f".broker --keys {out}", f"--keys {out} --broker mqtts://broker:8883"):  # fmt: skip
         assert each in made.stdout
     secrets = [path.read_text().strip() for path in out.rglob("password")]
     assert not any(secret in made.stdout for secret in secrets)
@@ -135,5 +135,11 @@ def test_the_command_says_what_it_made_and_what_to_do_next(tmp_path: Path) -> No
 
 def test_help_teaches(tmp_path: Path) -> None:
     said = jouleswarm("keys", "init", "--help").stdout
-    for each in ("FOLDER/agent-1/", "--hosts", "--days", "python -m broker --host 0.0.0.0 --keys keys", "mqtts://"):
+    for each in (
+        "FOLDER/agent-1/",
+        "--hosts",
+        "--days",
+        "python -m jouleswarm.broker --host 0.0.0.0 --keys keys",
+        "mqtts://",
+    ):
         assert each in said

@@ -1,4 +1,4 @@
-"""Names of ours mean our packages, whatever stands in the current folder, on PYTHONPATH or beside them."""
+"""Our name means our package, whatever stands in the current folder, on PYTHONPATH or beside it."""
 
 import os
 import subprocess
@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.fleet.packages import NAMES, ROOT, command_of, rivals
+from jouleswarm.fleet.packages import NAME, command_of
 
 STANDARD = ("json", "random", "types", "logging", "sitecustomize", "numpy", "torch")
+FOLDERS = ("agents", "broker", "common", "datacenter")
 
 
 def traps(folder: Path, *names: str) -> Path:
@@ -26,36 +27,16 @@ def run(module: str, cwd: Path, **environment: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("module", ["broker", "agents"])
+@pytest.mark.parametrize("module", ["jouleswarm.broker", "jouleswarm.agents"])
 def test_nothing_of_the_current_folder_is_executed(module: str, tmp_path: Path) -> None:
-    folder = traps(tmp_path / "hostile", *NAMES, *STANDARD)
+    folder = traps(tmp_path / "hostile", NAME, *FOLDERS, *STANDARD)
     code, text = run(module, folder)
     assert (code, f"Usage: python -m {module}" in text) == (0, True), text
     assert list(folder.glob("executed-*")) == []
 
 
-def test_our_packages_come_before_those_that_PYTHONPATH_names(tmp_path: Path) -> None:
-    folder = traps(tmp_path / "hostile", *NAMES)
-    code, _ = run("agents", tmp_path, PYTHONPATH=str(folder))
+def test_our_package_comes_before_one_that_PYTHONPATH_names(tmp_path: Path) -> None:
+    folder = traps(tmp_path / "hostile", NAME, *FOLDERS)
+    code, _ = run("jouleswarm.agents", tmp_path, PYTHONPATH=str(folder))
     assert code == 0
     assert list(folder.glob("executed-*")) == []
-
-
-def installed(site: Path, name: str, record: str) -> None:
-    folder = site / f"{name}-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (folder / "RECORD").write_text(record)
-
-
-def test_a_distribution_with_files_under_a_name_of_ours_is_found(tmp_path: Path) -> None:
-    installed(tmp_path, "jouleswarm", "agents/__init__.py,,\nbroker/core.py,,\n")
-    installed(tmp_path, "another", "another/agents/__init__.py,,\nagentsmith/__init__.py,,\ncommons.py,,\n")
-    assert rivals(tmp_path) == {}
-    installed(tmp_path, "other-agents", "other/__init__.py,,\nagents/__init__.py,,\nagents/run.py,,\n")
-    installed(tmp_path, "bare", "common.py,,\n")
-    assert rivals(tmp_path) == {"agents": "other-agents", "common": "bare"}
-
-
-def test_here_nobody_has() -> None:
-    assert rivals(ROOT) == {}

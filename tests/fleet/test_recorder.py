@@ -16,15 +16,8 @@ from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    Acknowledgement,
-    ModelHeader,
-    Presence,
-    Wait,
-    decode_json,
-    encode_json,
-    encode_model,
-)
+from jouleswarm.common.wire.messages import Acknowledgement, ModelHeader, Presence, Wait, decode_json, encode_json
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.recorder import Recorder
 from jouleswarm.runs.directory import MANIFEST, RunDirectory
@@ -119,7 +112,8 @@ def test_it_waits_for_the_counters_of_every_process(table: Table) -> None:
 
 
 def test_an_arm_without_meta_learning_has_no_data_center_to_wait_for(scenario: Scenario, tmp_path: Path) -> None:
-    table = Table(scenario.model_copy(update={"methods": ("fl",)}), tmp_path / "run")
+    plain = scenario_from({**scenario.model_dump(mode="json"), "methods": ["fl"]}, "test")
+    table = Table(plain, tmp_path / "run")
     assert sorted(table.recorder.waiting_for) == ["agent-1", "agent-2"]
 
 
@@ -407,7 +401,7 @@ def test_who_waits_for_what_is_known_the_longest_first_until_it_gets_on(table: T
 
 
 def test_of_who_tells_what_it_waits_for_it_is_not_said_that_nothing_is_heard(table: Table) -> None:
-    table.recorder._patience._from_s -= 100  # so long ago it has begun
+    table.recorder._attendance._patience._from_s -= 100  # so long ago it has begun
     tell_wait(table, "agent-1", "round 8 of robots [2]", 100)
     told = {wait.rpartition(" (")[0] for wait in table.recorder.waits}
     assert told == {

@@ -17,8 +17,9 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet import deploy as module
-from jouleswarm.fleet.deploy import manifest, resume_deployment, run_deployment
+from jouleswarm.fleet.deploy import resume_deployment, run_deployment
 from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.manifest import manifest
 
 
 @pytest.fixture(autouse=True)

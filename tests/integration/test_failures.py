@@ -111,7 +111,7 @@ def test_a_broker_that_dies_and_may_not_be_started_again_ends_the_run_and_says_s
     )  # fmt: skip
     eventually(has_rows(tmp_path / "r", "fl"), "the first round")
     family = run.family
-    (broker,) = (process for process in family if "broker" in process.cmdline())
+    (broker,) = (process for process in family if "jouleswarm.broker" in process.cmdline())
     broker.kill()
     assert run.ends() in (3, 5)
     assert "broker" in run.printed

@@ -1,0 +1,96 @@
+"""`jouleswarm study ...`: what is said, and with which exit code."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from jouleswarm.cli.main import main
+from jouleswarm.studies import run
+
+ROOT = Path(__file__).parents[2]
+TOY = str(ROOT / "scenarios" / "toy.toml")
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def jouleswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Calls `jouleswarm ...`; returns exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["jouleswarm", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        code = ended.value.code
+        out, err = capsys.readouterr()
+        return (code if isinstance(code, int) else 0), out, err
+
+    return call
+
+
+def test_studies_stand_beside_the_commands_of_the_fleet(jouleswarm: Call) -> None:
+    code, out, _ = jouleswarm("--help")
+    assert code == 0
+    assert all(name in out for name in ("run", "record", "report", "audit", "study"))
+
+
+def test_every_study_has_the_same_options(jouleswarm: Call) -> None:
+    for name in ("paper", "baselines", "sensitivity", "regimes", "similarity", "codecs"):
+        code, out, _ = jouleswarm("study", name, "--help")
+        assert code == 0
+        assert all(option in out for option in ("--seeds", "--scheduler", "--workers", "--results", "--keep"))
+
+
+def test_tables_are_made_again_without_a_run(jouleswarm: Call, paper_results: Path) -> None:
+    code, out, _ = jouleswarm("study", "tables", str(paper_results))
+    assert code == 0
+    assert str(paper_results / "table2.md") in out.splitlines()
+
+
+def test_tables_at_other_prices_go_to_another_folder(jouleswarm: Call, paper_results: Path, tmp_path: Path) -> None:
+    arguments = ("study", "tables", str(paper_results), "--set", "energy.robots_g_per_kwh=50")
+    code, _, err = jouleswarm(*arguments)
+    assert (code, "expected --out FOLDER" in err) == (2, True)
+    code, out, _ = jouleswarm(*arguments, "--out", str(tmp_path / "other"))
+    assert code == 0
+    assert str(tmp_path / "other" / "energy.md") in out.splitlines()
+
+
+def test_a_folder_without_a_study_is_one_line_and_its_exit_code(jouleswarm: Call, tmp_path: Path) -> None:
+    code, _, err = jouleswarm("study", "tables", str(tmp_path))
+    assert code == 6
+    assert err.startswith(f"jouleswarm study: {tmp_path / 'study.json'}: cannot be read")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--scenario", "nowhere.toml"), "scenario nowhere.toml: cannot be read"),
+        (("--scenario", TOY, "--seeds", "0"), "got 0 seeds from 1 on"),
+        (("--scenario", TOY, "--set", "meta.t9=3"), "meta.t9: Extra inputs"),
+        (("--scenario", TOY, "--set", "energy.beta=measured"), "energy.beta=measured: a study is priced with a number"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_before_anything_is_written(
+    arguments: tuple[str, ...], message: str, jouleswarm: Call, tmp_path: Path
+) -> None:
+    results, work = tmp_path / "results", tmp_path / "work"
+    code, _, err = jouleswarm("study", "paper", *arguments, "--results", str(results), "--work", str(work))
+    assert (code, message in err) == (2, True)
+    assert not results.exists()
+    assert not work.exists()
+
+
+def test_folders_are_named_after_study_and_profile(
+    jouleswarm: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen: list[run.Where] = []
+    monkeypatch.setattr(run, "run_study", lambda kind, request, profile, where, console: seen.append(where) or [])
+    jouleswarm("study", "paper", "--profile", "paper")
+    jouleswarm("study", "regimes", "--scenario", TOY)
+    assert [where.results for where in seen] == [Path("results/paper"), Path("results/toy-regimes")]
+    assert [where.work for where in seen] == [Path("runs/study-paper-paper"), Path("runs/study-regimes-toy")]
