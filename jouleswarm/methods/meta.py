@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.bill import StageCounts
-from jouleswarm.energy.equations import RoundSizes
+from jouleswarm.energy.closed_form import RoundSizes
+from jouleswarm.energy.facts import StageCounts
 from jouleswarm.methods.consensus import Consensus
 from jouleswarm.methods.method import Stage
 from jouleswarm.methods.rehearsal import Rehearsal, Samples
