@@ -70,6 +70,8 @@ class Keep:
     """Also for a power failure, not only for being killed."""
     at_the_end: bool = False
     """When the run is over too: whoever started the process deletes the folder."""
+    ends: bool = False
+    """Also how each arm ended, so that it can be gone on with for more rounds."""
 
 
 NOTHING = Keep()
@@ -95,7 +97,7 @@ class StateFile:
                 nothing, but a power failure may.
         """
         self._paths = [path.with_name(f"{path.name}.{number}") for number in (0, 1)]
-        self._owner, self._frames, self._durable = owner, frames, durable
+        self._owner, self.frames, self._durable = owner, frames, durable
         self._written: int | None = None
         if owner is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -118,8 +120,8 @@ class StateFile:
         content = safetensors.numpy.save(arrays | sums, metadata=metadata)
         path, number = self._paths[self._written % 2], self._written + 1
         try:
-            if self._durable and self._frames is not None and self._frames.exists():
-                sync(self._frames)
+            if self._durable and self.frames is not None and self.frames.exists():
+                sync(self.frames)
             if number == 1:
                 self._paths[1].write_bytes(_head(_WRITING, 2))  # so that it is missed when it has gone
             self._write(path, number, content)

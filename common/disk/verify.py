@@ -13,7 +13,7 @@ from jouleswarm.common.meter.counters import KEYS, read_counters
 from jouleswarm.common.wire.rows import RoundRow
 
 ROWS = "rounds.jsonl"
-_STATES = ("state.[01]", "task-*.[01]", "seals.[01]")
+_STATES = ("state.[01]", "task-*.[01]", "end-*.[01]", "seals.[01]")
 
 
 def check_states(folder: Path) -> None:

@@ -21,9 +21,10 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
     "energy": True,
     "bus": True,
-    "federation": {"give_up_after_s"},
+    "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
-"""Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
+"""Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for
+how long."""
 
 
 class Scenario(Problem):
