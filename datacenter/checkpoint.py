@@ -8,9 +8,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from jouleswarm.common.disk.files import sync, write_whole
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.seals import Growing, Seal
-from jouleswarm.common.disk.state import State, StateFile, Stateful, sync, write_whole
+from jouleswarm.common.disk.state import State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.scenario.scenario import Scenario
