@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -16,11 +15,10 @@ from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
-from jouleswarm.common.bus.reporter import HANDED_IN, Reporter
-from jouleswarm.common.disk.lock import LOCK
+from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.disk.state import NOTHING, Keep, State
 from jouleswarm.common.errors import TrainingError
-from jouleswarm.common.host import PROCESSOR, arithmetic
+from jouleswarm.common.host import arithmetic
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
@@ -28,7 +26,7 @@ from jouleswarm.common.wire.messages import ModelHeader, Presence, decode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.common.wire.types import Weights
-from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
+from jouleswarm.datacenter.checkpoint import Checkpoint, forget, owner_of
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
 from jouleswarm.datacenter.experience import Motion, TrainingExperience
@@ -73,7 +71,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     filters = [*center.identity.filters, *agreement.filters]
     center.reporter.hand_over(filters, center.identity.presence, done, stay=stay)
     if not keep.at_the_end:
-        _forget(state, checkpoints)
+        forget(state, checkpoints)
     center.reporter.leave(center.identity.presence)
 
 
@@ -238,15 +236,3 @@ def hear_presence(message: Message, listener: Listener, identity: Identity) -> N
         identity.heard(presence)
     else:
         listener.otherwise(message)
-
-
-def _forget(state: Path | None, checkpoints: Sequence[Checkpoint]) -> None:
-    """The run is over: leave no trace."""
-    for checkpoint in checkpoints:
-        checkpoint.clear()
-    if state is not None:
-        own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
-        for path in (path for each in own for path in state.glob(each)):
-            path.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # somebody else's files may be in it
-            state.rmdir()

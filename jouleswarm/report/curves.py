@@ -9,7 +9,7 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.report.arms import INK, colours
 from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, arm_patches, legend_in, new_figure
