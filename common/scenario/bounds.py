@@ -30,4 +30,4 @@ Pue = Annotated[float, Field(ge=1, le=1e3)]
 BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
 CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
 
-_TOPOLOGIES = ("full", "ring", "random")
+TOPOLOGIES = ("full", "ring", "random")

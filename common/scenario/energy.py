@@ -14,7 +14,7 @@ from jouleswarm.common.scenario.bounds import (
     Pue,
     Watts,
 )
-from jouleswarm.common.scenario.sections import Section
+from jouleswarm.common.scenario.sections import Section, each_once
 
 
 class Energy(Section):

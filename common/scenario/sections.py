@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from jouleswarm.common.scenario.bounds import (
-    _TOPOLOGIES,
+    TOPOLOGIES,
     Batches,
     BatchSize,
     Channels,
@@ -164,14 +164,14 @@ class Federation(Section):
     @field_validator("topology")
     @classmethod
     def _is_a_rule_or_a_file(cls, topology: str) -> str:
-        if topology not in _TOPOLOGIES and not topology.endswith(".csv"):
-            raise ValueError(f"got {topology!r:.60}, expected {', '.join(_TOPOLOGIES)}, or a file of edges, NAME.csv")
+        if topology not in TOPOLOGIES and not topology.endswith(".csv"):
+            raise ValueError(f"got {topology!r:.60}, expected {', '.join(TOPOLOGIES)}, or a file of edges, NAME.csv")
         return topology
 
     @property
     def has_own_edges(self) -> bool:
         """Whether the graph is the user's own."""
-        return self.topology not in _TOPOLOGIES
+        return self.topology not in TOPOLOGIES
 
 
 class Meta(Section):
