@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from jouleswarm.common.doors import SHIPPED
+from jouleswarm.common.scenario.environments import factory_of
 from jouleswarm.common.scenario.scenario import Scenario
 
 HEAD = """# Scenarios
 
 A scenario is one TOML file, checked before anything starts: what is unknown, out of bounds or does not fit together is
 refused with one line and exit code 2. This page is made from the models that check it, by `python -m
-jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. Four come
-with the package, by name:
+jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. These
+come with the package, by name:
 
 | scenario | what |
 |---|---|
@@ -24,6 +26,9 @@ with the package, by name:
 | `paper` | the full-size DeepMind network: 1,391,268 parameters, 5,565,072 bytes; t0 = 210 |
 | `hexapod` | the authors' own grid and reward table |
 | `toy` | 2 tasks, 2 robots each, a tiny network: a first look in seconds |
+| `frozenlake` | FrozenLake with a map for each task, straight from Gymnasium: observations are numbers |
+| `cartpole` | poles of several lengths to be kept upright: observations are vectors |
+| `minigrid` | MiniGrid as pictures (`pip install jouleswarm[minigrid]`) |
 
 A task of the landmarks is a drawing:
 
@@ -38,7 +43,8 @@ map = \"\"\"
 \"\"\"          # E entry, * path, X exit, # obstacle, . floor
 ```
 
-Robots are numbered from 1 in the order of the tasks. What the methods and encodings are: `docs/methods.md`.
+Robots are numbered from 1 in the order of the tasks. [methods.md](methods.md) says what methods and encodings are,
+[doors.md](doors.md) how to bring your own; `module:name` is a Python file beside the scenario, or an installed module.
 """
 TABLE = "| field | default | values | what |\n|---|---|---|---|\n"
 
@@ -47,17 +53,21 @@ Schema = Mapping[str, Any]
 
 def reference() -> str:
     """The page."""
-    schema = Scenario.model_json_schema()
-    parts = [HEAD, "## The scenario\n", TABLE + "".join(_rows(Scenario, schema, schema))]
+    parts = [HEAD, "## The scenario\n", _table(Scenario)]
     for name, field in Scenario.model_fields.items():
-        if (model := section_of(field.annotation)) is None:
-            continue
-        title = f"[[{name}]]" if model is not field.annotation else f"[{name}]"
-        doc = inspect.cleandoc(model.__doc__ or "")
-        parts.append(
-            f"## `{title}`\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema['$defs'][model.__name__], schema))}"
-        )
+        if (model := section_of(field.annotation)) is not None:
+            parts.append(_told(f"[[{name}]]" if model is not field.annotation else f"[{name}]", model))
+    for environment in SHIPPED["environments"]:
+        parts += [_told(title, model, f" of `{environment}`") for title, model in own_tables(environment).items()]
     return "\n".join(parts)
+
+
+def own_tables(environment: str) -> dict[str, type[BaseModel]]:
+    """Tables and fields of tasks that are an environment's own: title -> model."""
+    factory = factory_of(environment, None)
+    task: type[BaseModel] | None = getattr(factory, "task", None)
+    tables = {f"[{name}]": model for name, model in getattr(factory, "sections", {}).items()}
+    return tables if task is None else {"[[tasks]]": task, **tables}
 
 
 def section_of(annotation: Any) -> type[BaseModel] | None:
@@ -68,13 +78,19 @@ def section_of(annotation: Any) -> type[BaseModel] | None:
     return None
 
 
-def _rows(model: type[BaseModel], schema: Schema, whole: Schema) -> Iterator[str]:
+def _told(title: str, model: type[BaseModel], of: str = "") -> str:
+    return f"## `{title}`{of}\n\n{inspect.cleandoc(model.__doc__ or '')}\n\n{_table(model)}"
+
+
+def _table(model: type[BaseModel]) -> str:
+    schema, lines = model.model_json_schema(), [TABLE]
     for name, field in model.model_fields.items():
         if section_of(field.annotation) is None:
             told = schema["properties"][name]
             default = "required" if field.is_required() else _default(told.get("default"))
-            cells = (f"`{name}`", default, _values(told, whole), told.get("description", ""))
-            yield f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |\n"
+            cells = (f"`{name}`", default, _values(told, schema), told.get("description", ""))
+            lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |\n")
+    return "".join(lines)
 
 
 def _default(value: object) -> str:

@@ -28,8 +28,10 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 class Scenario(Problem):
     """A whole experiment. Build one with `load_scenario`."""
 
-    seed: int = Field(1, ge=0, le=2**63 - 1)
-    methods: tuple[str, ...] = ("maml", "fl")
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="of every random stream")
+    methods: tuple[str, ...] = Field(
+        ("maml", "fl"), description="what is run, each an arm of the run: see docs/methods.md, or module:Class"
+    )
     robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
     learning: Learning = Learning()
     federation: Federation = Federation()

@@ -54,7 +54,7 @@ class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes a
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    id: Id
+    id: Id = Field(description="number of the task, each once; part of its topics")
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
     motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
     batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
@@ -77,7 +77,7 @@ class Network(Section):
     )
     kwargs: dict[str, Any] = Field({}, description="for a network of your own")
     width: NetworkPixels | None = Field(None, description="images are shrunk to this; default as they are")
-    height: NetworkPixels | None = None
+    height: NetworkPixels | None = Field(None, description="as width")
     conv: tuple[tuple[Channels, Kernel, Kernel], ...] = Field(
         ((32, 8, 4), (64, 4, 2), (64, 3, 1)), max_length=32, description="(channels, kernel, stride) of each layer"
     )
@@ -93,15 +93,17 @@ class Learning(Section):
 
     discount: Fraction = Field(0.99, description="nu")
     double: bool = Field(True, description="double learning: argmax by the online network")
-    optimizer: Literal["adam", "sgd"] = "adam"
-    lr: LearningRate = 1e-3
+    optimizer: Literal["adam", "sgd"] = Field("adam", description="of the robots' gradient steps")
+    lr: LearningRate = Field(1e-3, description="learning rate of the gradient steps")
     adam_eps: float = Field(1e-4, ge=1e-37, le=1e3, description="Adam's epsilon: damps steps where gradients are small")
-    grad_clip: float = Field(1.0, ge=1e-6, le=1e9)
-    batch_size: BatchSize = 32
+    grad_clip: float = Field(1.0, ge=1e-6, le=1e9, description="largest norm of a gradient; longer ones are shortened")
+    batch_size: BatchSize = Field(32, description="transitions in a batch")
     batches_per_round: Batches = Field(20, description="B_i")
     motions_per_round: Motions = Field(20, description="|E_ik|, new transitions a round")
-    epsilon: Fraction = 0.1
-    replay_size: Frames = 2000
+    epsilon: Fraction = Field(0.1, description="share of random motions in learning episodes")
+    replay_size: Frames = Field(
+        2000, description="observations that a robot's replay memory holds; the oldest go first"
+    )
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
     init: str | None = Field(
@@ -124,7 +126,7 @@ class Learning(Section):
 class Federation(Section):
     """Decentralized federated averaging inside a cluster, eq. (6)."""
 
-    robots_per_cluster: Robots = 2
+    robots_per_cluster: Robots = Field(2, description="robots that learn a task together")
     topology: str = Field("full", description="full, ring, random, or a file of the graph's edges: NAME.csv")
     degree: Robots = Field(2, description="neighbours of each robot under the random topology")
     step: float | None = Field(
@@ -157,8 +159,8 @@ class Federation(Section):
         description="a wait ends the run, by name, when who is waited for has not answered for so long or has itself "
         "waited so long for nothing; 0: never. Longer than the longest round takes on the slowest machine",
     )
-    max_rounds: Rounds = 200
-    target_reward: float = Field(50.0, ge=-1e9, le=1e9)
+    max_rounds: Rounds = Field(200, description="a task that is not learned by then is given up")
+    target_reward: float = Field(50.0, ge=-1e9, le=1e9, description="a task is learned once the cluster's R reaches it")
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
 
     @field_validator("topology")
@@ -193,13 +195,13 @@ class Meta(Section):
         1, description="SGD steps, one support batch each, before a meta-update: B^(a) / this meta-updates a round"
     )
     support_newest: Frames = Field(5000, description="support batches are drawn from so many newest motions")
-    batch_size: BatchSize = 32
+    batch_size: BatchSize = Field(32, description="transitions in a batch, B^(a) and B^(b) alike")
     inner_lr: LearningRate = Field(0.03, description="mu; gradients are clipped to learning.grad_clip before")
     meta_lr: LearningRate = Field(1e-3, description="eta, of Adam")
     target_polyak: Share = Field(0.1, description="per-task target network tracking, each meta-update")
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
-    replay_size: Frames = 5000
+    replay_size: Frames = Field(5000, description="observations that a training task's replay memory holds")
     experience_codec: ExperienceCodec = Field(
         "raw",
         description="frames on the uplink, of centralized learning too: raw, png (lossless, payloads vary in size) or "
@@ -225,10 +227,14 @@ class Energy(Section):
     beta: BetaFactor | Literal["measured"] = Field(
         1.0, description="cost of an exact meta-gradient over a first-order one, or: measured by the data center"
     )
-    ul_bit_per_j: Efficiency = 200e3
-    sl_bit_per_j: Efficiency = 500e3
-    dl_bit_per_j: Efficiency | None = Field(None, description="default: as uplink (the paper gives none)")
-    sidelink: Literal["direct", "via_base_station"] = "direct"
+    ul_bit_per_j: Efficiency = Field(200e3, description="E_UL, bits a joule on the uplink")
+    sl_bit_per_j: Efficiency = Field(500e3, description="E_SL, bits a joule on sidelinks")
+    dl_bit_per_j: Efficiency | None = Field(
+        None, description="E_DL, on the downlink; default E_UL (the paper gives none)"
+    )
+    sidelink: Literal["direct", "via_base_station"] = Field(
+        "direct", description="from robot to robot, or up to a base station and down again"
+    )
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
 
