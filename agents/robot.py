@@ -32,7 +32,7 @@ from jouleswarm.learning.start import start_weights
 from jouleswarm.methods.graph import neighbourhood_of
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import Method
-from jouleswarm.methods.trial import try_penalty
+from jouleswarm.methods.trial import try_learning
 
 log = logging.getLogger("jouleswarm.agent")
 
@@ -108,8 +108,7 @@ class Robot:
         )
         heads = {name: scenario.method(name).heads(scenario) for name in scenario.meta_methods}
         self.meta = MetaLink(self.exchange, lambda arm: meta_shapes(shapes, head, heads[method_of(arm)]))
-        for name in scenario.method_names:
-            try_penalty(scenario.method(name))
+        try_learning(scenario)
         self._sent: dict[str, set[int]] = {}
         self._meter = bus.meter
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jouleswarm.learning.qnetwork import QNetwork as QNetwork
+    from jouleswarm.methods.method import Method as Method
 
 
 def __getattr__(name: str) -> Any:
@@ -14,4 +15,8 @@ def __getattr__(name: str) -> Any:
         from jouleswarm.learning.qnetwork import QNetwork
 
         return QNetwork
+    if name == "Method":
+        from jouleswarm.methods.method import Method
+
+        return Method
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from jouleswarm.common.doors import SHIPPED
-from jouleswarm.common.scenario.environments import factory_of
+from jouleswarm.common.scenario.environments import LANDMARKS, factory_of
 from jouleswarm.common.scenario.scenario import Scenario
 
 HEAD = """# Scenarios
 
 A scenario is one TOML file, checked before anything starts: what is unknown, out of bounds or does not fit together is
 refused with one line and exit code 2. This page is made from the models that check it, by `python -m
-jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. These
+jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. Seven
 come with the package, by name:
 
 | scenario | what |
@@ -26,9 +25,9 @@ come with the package, by name:
 | `paper` | the full-size DeepMind network: 1,391,268 parameters, 5,565,072 bytes; t0 = 210 |
 | `hexapod` | the authors' own grid and reward table |
 | `toy` | 2 tasks, 2 robots each, a tiny network: a first look in seconds |
-| `frozenlake` | FrozenLake with a map for each task, straight from Gymnasium: observations are numbers |
-| `cartpole` | poles of several lengths to be kept upright: observations are vectors |
-| `minigrid` | MiniGrid as pictures (`pip install jouleswarm[minigrid]`) |
+| `frozenlake` | Gymnasium's FrozenLake, a map for each task: numbers as observations |
+| `cartpole` | Gymnasium's CartPole, a pole length for each task: vectors |
+| `minigrid` | MiniGrid: images; needs `pip install jouleswarm[minigrid]` |
 
 A task of the landmarks is a drawing:
 
@@ -43,8 +42,7 @@ map = \"\"\"
 \"\"\"          # E entry, * path, X exit, # obstacle, . floor
 ```
 
-Robots are numbered from 1 in the order of the tasks. [methods.md](methods.md) says what methods and encodings are,
-[doors.md](doors.md) how to bring your own; `module:name` is a Python file beside the scenario, or an installed module.
+Robots are numbered from 1 in the order of the tasks. What the methods and encodings are: `docs/methods.md`.
 """
 TABLE = "| field | default | values | what |\n|---|---|---|---|\n"
 
@@ -53,21 +51,26 @@ Schema = Mapping[str, Any]
 
 def reference() -> str:
     """The page."""
-    parts = [HEAD, "## The scenario\n", _table(Scenario)]
+    schema = Scenario.model_json_schema()
+    parts = [HEAD, "## The scenario\n", TABLE + "".join(_rows(Scenario, schema, schema))]
     for name, field in Scenario.model_fields.items():
-        if (model := section_of(field.annotation)) is not None:
-            parts.append(_told(f"[[{name}]]" if model is not field.annotation else f"[{name}]", model))
-    for environment in SHIPPED["environments"]:
-        parts += [_told(title, model, f" of `{environment}`") for title, model in own_tables(environment).items()]
-    return "\n".join(parts)
+        if (model := section_of(field.annotation)) is None:
+            continue
+        title = f"[[{name}]]" if model is not field.annotation else f"[{name}]"
+        doc = inspect.cleandoc(model.__doc__ or "")
+        parts.append(
+            f"## `{title}`\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema['$defs'][model.__name__], schema))}"
+        )
+    factory: Any = factory_of(LANDMARKS, None)
+    parts += [_own(f"[{name}]", model) for name, model in factory.sections.items()]
+    return "\n".join([*parts, _own("[[tasks]]", factory.task)])
 
 
-def own_tables(environment: str) -> dict[str, type[BaseModel]]:
-    """Tables and fields of tasks that are an environment's own: title -> model."""
-    factory = factory_of(environment, None)
-    task: type[BaseModel] | None = getattr(factory, "task", None)
-    tables = {f"[{name}]": model for name, model in getattr(factory, "sections", {}).items()}
-    return tables if task is None else {"[[tasks]]": task, **tables}
+def _own(title: str, model: type[BaseModel]) -> str:
+    """A table that is there with the landmarks only, or what they add to one."""
+    schema = model.model_json_schema()
+    doc = inspect.cleandoc(model.__doc__ or "")
+    return f"## `{title}` of the landmarks\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema, schema))}"
 
 
 def section_of(annotation: Any) -> type[BaseModel] | None:
@@ -78,19 +81,13 @@ def section_of(annotation: Any) -> type[BaseModel] | None:
     return None
 
 
-def _told(title: str, model: type[BaseModel], of: str = "") -> str:
-    return f"## `{title}`{of}\n\n{inspect.cleandoc(model.__doc__ or '')}\n\n{_table(model)}"
-
-
-def _table(model: type[BaseModel]) -> str:
-    schema, lines = model.model_json_schema(), [TABLE]
+def _rows(model: type[BaseModel], schema: Schema, whole: Schema) -> Iterator[str]:
     for name, field in model.model_fields.items():
         if section_of(field.annotation) is None:
             told = schema["properties"][name]
             default = "required" if field.is_required() else _default(told.get("default"))
-            cells = (f"`{name}`", default, _values(told, schema), told.get("description", ""))
-            lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |\n")
-    return "".join(lines)
+            cells = (f"`{name}`", default, _values(told, whole), told.get("description", ""))
+            yield f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |\n"
 
 
 def _default(value: object) -> str:

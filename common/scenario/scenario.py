@@ -28,9 +28,9 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 class Scenario(Problem):
     """A whole experiment. Build one with `load_scenario`."""
 
-    seed: int = Field(1, ge=0, le=2**63 - 1, description="of every random stream")
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="of everything that is drawn: same seed, same bits")
     methods: tuple[str, ...] = Field(
-        ("maml", "fl"), description="what is run, each an arm of the run: see docs/methods.md, or module:Class"
+        ("maml", "fl"), description="ways to learn, one after the other: words of docs/methods.md, or module:Class"
     )
     robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
     learning: Learning = Learning()
@@ -276,5 +276,6 @@ class Scenario(Problem):
 
     @property
     def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up."""
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
+        """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
+        tasks = (task for task in self.meta.training_tasks if task in self.clusters)
+        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}
