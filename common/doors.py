@@ -54,7 +54,10 @@ SHIPPED: dict[Kind, dict[str, str]] = {
         "int8": "jouleswarm.codecs.int8:Int8",
         "topk": "jouleswarm.codecs.topk:TopK",
     },
-    "prices": {},
+    "prices": {
+        "literal": "jouleswarm.energy.literal:literal",
+        "published": "jouleswarm.energy.published:published",
+    },
 }
 
 CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}

@@ -49,6 +49,13 @@ class Section(BaseModel):
         return value
 
 
+def each_once(values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """`values`, if no two are alike."""
+    if len(set(values)) != len(values):
+        raise ValueError(f"got {list(values)}, expected each once")
+    return values
+
+
 class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes any other field as well
     """One task: what its environment is made with. An environment may have fields of its own beside these."""
 
@@ -206,17 +213,19 @@ class Meta(Section):
         "resized (to the network's input, as the data center would do); what is learned is the same to the bit",
     )
 
-    @field_validator("training_tasks", "snapshots", "adapt_from")
-    @classmethod
-    def _each_once(cls, values: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError(f"got {list(values)}, expected each once")
-        return values
+    _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
 
 
 class Energy(Section):
-    """Constants of the energy model (Table I). kb = 1000 bit."""
+    """Price lists, and the constants of the energy model (Table I). kb = 1000 bit."""
 
+    prices: tuple[str, ...] = Field(
+        ("literal", "published"),
+        min_length=1,
+        max_length=20,
+        description="price lists: literal (the equations), published (what the printed totals come to a round), or "
+        "module:Class, a list of one's own (see docs/doors.md)",
+    )
     p0_w: Watts = Field(590.0, description="P_0, data center power")
     t0_batch_s: BatchSeconds = Field(0.020, description="T_0, data center time of one batch gradient")
     pk_w: Watts = Field(5.1, description="P_k, robot power")
@@ -233,6 +242,8 @@ class Energy(Section):
     )
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
+
+    _each_once = field_validator("prices")(each_once)
 
 
 class Bus(Section):

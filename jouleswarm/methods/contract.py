@@ -26,8 +26,15 @@ def keep(found: Any, what: str) -> None:
     if not (isinstance(found, type) and issubclass(found, Method)):
         got = f"class {found.__name__}" if isinstance(found, type) else f"{type(found).__name__} {found!r:.60}"
         raise ConfigurationError(f"{what}: got {got}, expected a class that extends jouleswarm.Method")
-    if not is_shipped(found) and (wrong := _wrong(found)):
+    if is_shipped(found):
+        return
+    if wrong := _wrong(found):
         raise ConfigurationError(f"{what}: {wrong}")
+    try:
+        found()
+    except Exception as error:  # whatever a class of the user's does
+        told = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ConfigurationError(f"{what}: cannot be made without arguments: {told}") from error
 
 
 def is_shipped(kind: type[Method]) -> bool:
@@ -74,8 +81,4 @@ def _wrong(kind: type[Method]) -> str:
             return f"its {attribute} is {getattr(kind, attribute)!r}, expected one of {', '.join(kinds)}"
     if kind.sends == "experience" and (kind.partners != "datacenter" or kind.serve is Method.serve):
         return 'it sends experience, expected partners = "datacenter" and a function serve(round_) that learns from it'
-    try:
-        kind()
-    except Exception as error:  # whatever a class of the user's does
-        return f"it cannot be made without arguments: {type(error).__name__}: {' '.join(str(error).split())}"
     return ""
