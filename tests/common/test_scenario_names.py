@@ -27,7 +27,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["toy", "quick", "paper", "hexapod"])
+@pytest.mark.parametrize("name", ["toy", "quick", "paper", "hexapod", "frozenlake", "cartpole"])
 def test_a_scenario_of_the_package_is_read_by_its_name_from_any_folder(name: str) -> None:
     assert load_scenario(name).name == name
 
