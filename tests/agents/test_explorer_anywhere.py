@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jouleswarm.agents.explorer import Explorer
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.datacenter.experience import Motion, read_motion
