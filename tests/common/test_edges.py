@@ -90,7 +90,7 @@ def test_a_scenario_s_graph_is_beside_it_and_what_is_learned_depends_on_it(tmp_p
 def test_other_words_are_refused(tmp_path: Path) -> None:
     (tmp_path / "toy.toml").write_text(TOY)
     with pytest.raises(
-        ConfigurationError, match="got 'rnig', expected full, ring, random, or a file of edges, NAME.csv"
+        ConfigurationError, match=r"got 'rnig', expected full, ring, random, or a file of edges, NAME\.csv"
     ):
         load_scenario(tmp_path / "toy.toml", ["federation.topology=rnig"])
     with pytest.raises(
