@@ -87,13 +87,14 @@ def test_a_scenario_s_graph_is_beside_it_and_what_is_learned_depends_on_it(tmp_p
     assert again.determines != before
 
 
-def test_other_words_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("topology", "told"),
+    [
+        ("rnig", r"got 'rnig', expected full, ring, random, or a file of edges, NAME\.csv"),
+        ("no.csv", r"scenario .*toy\.toml: federation\.topology .*no\.csv: cannot be read"),
+    ],
+)
+def test_other_words_are_refused(tmp_path: Path, topology: str, told: str) -> None:
     (tmp_path / "toy.toml").write_text(TOY)
-    with pytest.raises(
-        ConfigurationError, match=r"got 'rnig', expected full, ring, random, or a file of edges, NAME\.csv"
-    ):
-        load_scenario(tmp_path / "toy.toml", ["federation.topology=rnig"])
-    with pytest.raises(
-        ConfigurationError, match=r"scenario .*toy\.toml: federation\.topology .*no\.csv: cannot be read"
-    ):
-        load_scenario(tmp_path / "toy.toml", ["federation.topology=no.csv"])
+    with pytest.raises(ConfigurationError, match=told):
+        load_scenario(tmp_path / "toy.toml", [f"federation.topology={topology}"])

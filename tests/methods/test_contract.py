@@ -168,7 +168,9 @@ def test_what_a_method_is_not_is_one_line(toy: Path, named: str, told: str) -> N
 
 
 def test_what_serve_returns_is_a_model_and_a_number(toy: Path) -> None:
-    with pytest.raises(ConfigurationError, match=r"serve: got {.*expected weights and the number of batch gradients"):
+    with pytest.raises(
+        ConfigurationError, match=r"serve: got \{[^\n]*, expected weights and the number of batch gradients"
+    ):
         loaded(toy, "own:One")
 
 
