@@ -69,7 +69,7 @@ def _model(codec: Codec) -> Target:
 
     def read(payload: Payload) -> None:
         tensors, header = read_model(payload, SHAPES, codec)
-        _promise_weights(decoded(codec, tensors, SHAPES, base if header.round > 1 else None))
+        _promise_weights(decoded(codec, tensors, SHAPES, base))
         assert all(
             abs(reward) <= MAX_REWARD and 1 <= round_ <= header.round for round_, reward in header.rewards.values()
         )
