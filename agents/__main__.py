@@ -55,7 +55,7 @@ def main(
     """
     with process(f"robot {id}", verbose=verbose):
         # Late imports: --help and a wrong option answer at once.
-        from jouleswarm.agents.agent import run_agent
+        from jouleswarm.agents.robot import run_agent
         from jouleswarm.common.bus.joining import Begun, join
         from jouleswarm.common.disk.state import Keep
         from jouleswarm.common.errors import ConfigurationError, RunError, usable

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder
 from jouleswarm.common.bus.bus import Message
-from jouleswarm.common.scenario.arms import META_METHODS, Arm
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_json
 from jouleswarm.common.wire.types import Shapes, Weights
@@ -21,8 +21,8 @@ def _data_center() -> list[str]:
 class MetaLink:
     """What the robot's exchange says to and hears from a data center that meta-learns."""
 
-    def __init__(self, exchange: Exchange, shapes: Shapes) -> None:
-        """`shapes`: of meta-models, which can hold more than the network (see jouleswarm/learning/heads.py)."""
+    def __init__(self, exchange: Exchange, shapes: Callable[[str], Shapes]) -> None:
+        """`shapes`: of an arm's model, which can hold more than the network (see jouleswarm/learning/heads.py)."""
         self._exchange, self._shapes = exchange, shapes
         self._wanted: dict[str, RoundRequest] = {}
         self._again: dict[str, set[int]] = {}
@@ -30,15 +30,14 @@ class MetaLink:
         exchange.handlers |= {"collect": self._take_collect, "meta": self._take_meta, "round": self._take_wanted}
 
     def listen(self, arms: Sequence[Arm]) -> None:
-        """Listen to everything that meta-learning stages may say, before the robot says that it is here."""
+        """Listen to everything that the stages before these arms may say, before the robot says that it is here."""
         here, run, exchange = self._exchange.here, self._exchange.run, self._exchange
         # The meta-model before the round marker: a marker that says 'finished' then proves that the
         # meta-model went by before this robot came, and must be asked for.
         for arm in arms:
-            if arm.method in META_METHODS:
-                models = (topics.meta_model(run, arm.name), topics.meta_model(run, arm.name, here.agent))
-                exchange.subscribe(*models, qos=exchange.qos)
-        for method in dict.fromkeys(arm.method for arm in arms if arm.method in META_METHODS):
+            models = (topics.meta_model(run, arm.name), topics.meta_model(run, arm.name, here.agent))
+            exchange.subscribe(*models, qos=exchange.qos)
+        for method in dict.fromkeys(arm.method for arm in arms):
             exchange.subscribe(topics.meta_round(run, method), topics.collect_again(run, method, here.task, here.agent))
 
     def await_rounds_due(self, method: str, sent: set[int], t0: int) -> list[int]:
@@ -91,9 +90,10 @@ class MetaLink:
         again |= set(range(request.first, min(request.last, request.first + 1) + 1))
 
     def _take_meta(self, message: Message) -> None:
-        codec = self._exchange.codec
-        tensors, _ = read_model(message.payload, self._shapes, codec)
-        self._models[topics.arm_of(message.topic)] = WeightsDecoder(codec, self._shapes).decode(tensors)
+        codec, arm = self._exchange.codec, topics.arm_of(message.topic)
+        shapes = self._shapes(arm)
+        tensors, _ = read_model(message.payload, shapes, codec)
+        self._models[arm] = WeightsDecoder(codec, shapes).decode(tensors)
 
     def _take_wanted(self, message: Message) -> None:
         if message.payload:

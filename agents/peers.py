@@ -8,13 +8,12 @@ topic promises is refused and counted.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from jouleswarm.agents.absence import Absence
-from jouleswarm.agents.neighbourhood import Neighbourhood
 from jouleswarm.codecs.codec import Codec
 from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.codecs.models import read_model
@@ -28,13 +27,14 @@ from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError, RunError
 from jouleswarm.common.host import Others, arithmetic
-from jouleswarm.common.scenario.arms import SERVED_METHODS, Arm
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Bus as BusSettings
 from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json
 from jouleswarm.common.wire.types import Payload, Shapes, Tensors, Weights
+from jouleswarm.methods.graph import Neighbourhood
 
 log = logging.getLogger("jouleswarm.agent")
 
@@ -125,11 +125,11 @@ class Exchange:
         self._agreement.settle()
         self._subscriptions += self._agreement.filters
 
-    def join(self, arms: Sequence[Arm]) -> None:
-        """Listen to where the neighbours are, then say hello."""
+    def join(self, *, served: bool = False) -> None:
+        """Listen to where the neighbours are, and the data center where it serves an arm; then say hello."""
         here, run = self.here, self.run
         self.subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
-        if any(arm.method in SERVED_METHODS for arm in arms):
+        if served:
             self.subscribe(topics.presence(run, 0, 0))
         self.announce(0)
 
@@ -153,17 +153,18 @@ class Exchange:
 
         self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
 
-    def open_arm(self, arm: Arm, here: Neighbourhood, end_stage: int) -> None:
+    def open_arm(
+        self, arm: Arm, here: Neighbourhood, end_stage: int, says: Callable[..., str] = topics.weights
+    ) -> None:
         """Listen to the neighbours' weights of this arm, `here` being its neighbourhood.
 
-        `end_stage`: of robots that are done with the arm.
+        `end_stage`: of robots that are done with the arm; `says`: the topic of this robot's word of a round.
         """
         run = self.run
         self.here, self._end_stage, self._ahead = here, end_stage, {}
         self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
         self.encoder = WeightsEncoder(self.codec)
         self._decoders = {each: self.decoder() for each in here.neighbours}
-        says = {"fedavg": topics.weights_up, "centralized": topics.episode}.get(arm.method, topics.weights)
         self._word_topic = says(run, arm.name, here.task, here.agent)
         self.subscribe(*(topics.weights(run, arm.name, here.task, each) for each in here.neighbours), qos=self.qos)
         self.subscribe(topics.resend(run, arm.name, here.task, here.agent))

@@ -16,7 +16,7 @@ Model = tuple[Weights, ModelHeader]
 
 
 class ServerLink:
-    """Receives the cluster's models; in centralized learning also sends experience and hears of others' episodes."""
+    """Receives the cluster's models; where robots send experience it sends that and hears of others' episodes."""
 
     def __init__(self, exchange: Exchange) -> None:
         self._exchange = exchange
@@ -28,7 +28,7 @@ class ServerLink:
         self._motions: tuple[int, list[bytes]] = (0, [])
         here = exchange.here
         run, arm, task = exchange.run, exchange.arm, here.task
-        self._experience_topic = topics.experience(run, arm, task, here.agent)
+        self._experience_topic = topics.transition(run, arm, task, here.agent)
         self._collect_otherwise = exchange.handlers.get("collect")
         exchange.handlers |= {"model": self._take_model, "episode": self._take_episode, "collect": self._take_collect}
         exchange.subscribe(topics.cluster_model(run, arm, task), qos=exchange.qos)

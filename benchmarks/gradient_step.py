@@ -18,17 +18,18 @@ from torch import nn
 from torch.nn import functional
 
 from jouleswarm.common.process import use_one_thread
-from jouleswarm.common.scenario.sections import Learning, Network
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.learner import Learner
-from jouleswarm.learning.networks import build_qnetwork, observations, to_weights
+from jouleswarm.learning.networks import build_qnetwork, to_weights
 
 STEPS, REPEATS = 10, 7
 
 
 def main() -> None:
     use_one_thread()
-    network, settings = Network(), Learning()
-    robot, bare = _robot(network, settings), _bare(network, settings)
+    scenario = load_scenario("paper")
+    robot, bare = _robot(scenario), _bare(scenario)
     robot(), bare()  # warm-up
     pairs = [(_seconds(robot), _seconds(bare)) for _ in range(REPEATS)]
     ours, theirs = (statistics.median(side) / STEPS * 1e3 for side in zip(*pairs, strict=True))
@@ -42,11 +43,11 @@ def _seconds(body: Callable[[], None]) -> float:
     return time.perf_counter() - begun
 
 
-def _robot(network: Network, settings: Learning) -> Callable[[], None]:
-    rng = np.random.default_rng(0)
-    learner = Learner(network, settings, to_weights(build_qnetwork(network, 0)), rng)
+def _robot(scenario: Scenario) -> Callable[[], None]:
+    rng, network = np.random.default_rng(0), build_qnetwork(scenario, 0)
+    learner = Learner(network, scenario.learning, to_weights(network), rng)
     for index in range(200):
-        frame = rng.integers(0, 256, (network.height, network.width, 4), dtype=np.uint8)
+        frame = rng.integers(0, 256, network.takes.shape, dtype=np.uint8)
         learner.replay.observe(frame, first=index == 0)
         learner.replay.act(int(rng.integers(4)), -1.0, terminated=False)
 
@@ -56,18 +57,18 @@ def _robot(network: Network, settings: Learning) -> Callable[[], None]:
     return steps
 
 
-def _bare(network: Network, settings: Learning) -> Callable[[], None]:
-    rng = np.random.default_rng(0)
-    online, target = build_qnetwork(network, 0), build_qnetwork(network, 0).requires_grad_(False)
+def _bare(scenario: Scenario) -> Callable[[], None]:
+    rng, settings = np.random.default_rng(0), scenario.learning
+    online, target = build_qnetwork(scenario, 0), build_qnetwork(scenario, 0).requires_grad_(False)
     parameters, tracked = list(online.parameters()), list(target.parameters())
     optimizer = torch.optim.Adam(parameters, lr=settings.lr, fused=True)
-    shape = (settings.batch_size, network.height, network.width, 4)
+    shape = (settings.batch_size, *online.takes.shape)
     batches = [
         (
-            observations(rng.integers(0, 256, shape, dtype=np.uint8)),
+            online.prepare(rng.integers(0, 256, shape, dtype=np.uint8)),
             torch.from_numpy(rng.integers(4, size=settings.batch_size)),
             torch.full((settings.batch_size,), -1.0),
-            observations(rng.integers(0, 256, shape, dtype=np.uint8)),
+            online.prepare(rng.integers(0, 256, shape, dtype=np.uint8)),
         )
         for _ in range(STEPS)
     ]

@@ -11,7 +11,9 @@ from pathlib import Path
 
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.datacenter.beta import measure_beta
+from jouleswarm.learning.heads import head_of
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.methods.beta import measure_beta
 
 _COLUMNS = ("method", "inner_steps", "exact_s", "first_order_s", "ratio", "beta_time", "beta_flops")
 
@@ -26,9 +28,9 @@ def main() -> None:
     use_one_thread()
     scenario = load_scenario(arguments.scenario)
     rows = []
-    for method in ("maml", "anil"):
+    for method, adapts in {"maml": None, "anil": head_of(build_qnetwork(scenario))}.items():
         for inner in arguments.inner_steps:
-            cost = measure_beta(scenario, method, inner, arguments.repeats)
+            cost = measure_beta(scenario, adapts, inner, arguments.repeats)
             ratio = cost.exact_s / cost.first_order_s
             figures = (cost.exact_s, cost.first_order_s, ratio, cost.beta_time, cost.beta_flops)
             rows.append((method, inner, *(f"{each:.4g}" for each in figures)))

@@ -16,8 +16,9 @@ import numpy as np
 
 from jouleswarm.codecs.frames import resize
 from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
+from jouleswarm.environments.landmarks.camera import Camera
 from jouleswarm.environments.landmarks.scene import build_scene, cast
+from jouleswarm.environments.landmarks.settings import camera_of, shared_obstacles, world_of
 
 
 def per_second(work: Callable[[int], object], count: int) -> float:
@@ -35,7 +36,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     scenario = load_scenario(options.scenario)
-    world, settings, network = scenario.world, scenario.camera, scenario.network
+    world, settings, network = world_of(scenario), camera_of(scenario), scenario.network
     cells = [(r, c) for r in range(world.rows) for c in range(world.cols)]
     rng = np.random.default_rng(0)
 

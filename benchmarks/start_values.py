@@ -54,7 +54,7 @@ def measure(seed: int, rounds: Sequence[int], scenario: str) -> list[Row]:
     changes = [f"seed={seed}", "methods=['multitask']", f"meta.t0={last}", f"meta.snapshots={on_the_way}"]
     settings = load_scenario(scenario, [*changes, "federation.max_rounds=1"])
     outcome = run_in_memory(settings)
-    models: dict[int, Weights] = {0: to_weights(build_qnetwork(settings.network, seed))}
+    models: dict[int, Weights] = {0: to_weights(build_qnetwork(settings, seed))}
     models |= {int(t0): load(payload) for (_, t0), payload in sorted(outcome.snapshots.items())}
     return [row for t0 in sorted(models) for row in _rows(settings, t0, models[t0])]
 
@@ -64,7 +64,7 @@ def _rows(settings: Scenario, t0: int, model: Weights) -> list[Row]:
     found: dict[str, list[tuple[float, float, float]]] = {"seen": [], "unseen": []}
     for task in (each.id for each in settings.tasks):
         found["seen" if task in seen else "unseen"] += _landmarks(
-            settings, task, Policy(settings.network, start_of(model, task))
+            settings, task, Policy(build_qnetwork(settings), start_of(model, task))
         )
     return [
         Row(settings.seed, t0, tasks, *(float(mean) for mean in np.mean(held, axis=0))) for tasks, held in found.items()

@@ -21,13 +21,33 @@ from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
 
+DOORS = "doors"
+"""Folder of a run directory with the user's files: what came in by doors, and what a scenario names beside them."""
+
 Kind = Literal["environments", "networks", "methods", "codecs", "prices"]
 
 # By name and not by import: this is the ground floor, and a process loads only what its scenario asks for.
 SHIPPED: dict[Kind, dict[str, str]] = {
-    "environments": {},
-    "networks": {},
-    "methods": {},
+    "environments": {
+        "landmarks": "jouleswarm.environments.landmarks.factory:landmarks",
+        "cartpole": "jouleswarm.environments.cartpole:CartPole",
+        "minigrid": "jouleswarm.environments.minigrid:minigrid",
+    },
+    "networks": {
+        "mlp": "jouleswarm.learning.qnetwork:mlp",
+        "deepmind": "jouleswarm.learning.qnetwork:deepmind",
+    },
+    "methods": {
+        "fl": "jouleswarm.methods.consensus:Federated",
+        "isolated": "jouleswarm.methods.consensus:Isolated",
+        "fedavg": "jouleswarm.methods.fedavg:FedAvg",
+        "centralized": "jouleswarm.methods.centralized:Centralized",
+        "maml": "jouleswarm.methods.maml:Maml",
+        "fomaml": "jouleswarm.methods.maml:FirstOrderMaml",
+        "reptile": "jouleswarm.methods.reptile:Reptile",
+        "anil": "jouleswarm.methods.anil:Anil",
+        "multitask": "jouleswarm.methods.multitask:Multitask",
+    },
     "codecs": {
         "float32": "jouleswarm.codecs.floats:Float32",
         "float16": "jouleswarm.codecs.floats:Float16",
@@ -37,7 +57,14 @@ SHIPPED: dict[Kind, dict[str, str]] = {
     "prices": {},
 }
 
-TRIALS: dict[Kind, str] = {"codecs": "jouleswarm.codecs.trial:try_codec"}
+CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
+"""Who looks at what a door has opened before anything is asked of it: `module:function` of the room that knows the
+contract. It takes what was found and its name in words, and raises ConfigurationError."""
+
+TRIALS: dict[Kind, str] = {
+    "codecs": "jouleswarm.codecs.trial:try_codec",
+    "methods": "jouleswarm.methods.trial:try_methods",
+}
 """Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
 It takes the scenario, and raises ConfigurationError."""
 
@@ -70,6 +97,19 @@ def open_door(kind: Kind, name: str, folder: Path | None) -> Any:
             where = getattr(found, "__file__", None) or module_name
             raise ConfigurationError(f"{_one(kind)} {name!r}: {where} has no {part}{hint}")
         found = getattr(found, part)
+    return found
+
+
+def enter(kind: Kind, name: str, folder: Path | None) -> Any:
+    """What `open_door` finds, once it has been seen to be what the door is for (see `CONTRACTS`).
+
+    Raises:
+        ConfigurationError: there is nothing of that name, or it is none.
+    """
+    found = open_door(kind, name, folder)
+    module, _, function = CONTRACTS.get(kind, "").partition(":")
+    if module:
+        getattr(importlib.import_module(module), function)(found, f"{_one(kind)} {name!r}")
     return found
 
 

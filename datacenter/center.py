@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,22 +18,26 @@ from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.bus.reporter import HANDED_IN, Reporter
 from jouleswarm.common.disk.lock import LOCK
-from jouleswarm.common.disk.state import NOTHING, Keep
+from jouleswarm.common.disk.state import NOTHING, Keep, State
+from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.host import PROCESSOR, arithmetic
-from jouleswarm.common.scenario.arms import EXACT_METHODS, META_METHODS, Method
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, Presence, decode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
-from jouleswarm.datacenter.beta import measure_beta
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
+from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
-from jouleswarm.datacenter.experience import Motion
-from jouleswarm.datacenter.metalearner import Gradients, MetaLearner
-from jouleswarm.datacenter.serving import SERVICES, serve
+from jouleswarm.datacenter.experience import Motion, TrainingExperience
+from jouleswarm.datacenter.services import service_of
 from jouleswarm.learning.device import accelerator
-from jouleswarm.learning.networks import use_of
+from jouleswarm.learning.heads import head_of, meta_shapes
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
+from jouleswarm.methods.contract import unfit
+from jouleswarm.methods.method import Gradients, Method, Stage
 
 log = logging.getLogger("jouleswarm.datacenter")
 
@@ -46,34 +51,182 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
         RunError: the folder holds another scenario's state, or lacks what the robots are further with.
         TrainingError: a gradient is not finite.
     """
-    state = keep.folder
-    patience = Patience(bus, run, scenario.federation.give_up_after_s)
-    listener = Listener(bus, scenario.bus.resend_after_s, patience)
-    reporter = Reporter(listener, run, state / "rounds.jsonl" if state else None)
-    identity = Identity(listener, run, 0, 0, scenario.bus.keepalive_s, arithmetic(accelerator()))
-    listener.handlers["presence"] = lambda message: hear_presence(message, listener, identity)
-    identity.claim()
-    agreement = Agreement(listener, scenario, run)
+    center, state = DataCenter(scenario, run, bus, keep.folder), keep.folder
+    center.identity.claim()
+    agreement = Agreement(center.listener, scenario, run)
     agreement.settle()
-    identity.announce(0)  # who would be a second one hears it at once
-    checkpoints = {
-        method: Checkpoint(state / method if state else None, owner_of(scenario, run, method), durable=keep.durable)
-        for method in scenario.methods
-        if method in (*META_METHODS, *SERVICES)
-    }
-    if checkpoints and all(checkpoint.is_finished for checkpoint in checkpoints.values()):
+    center.identity.announce(0)  # who would be a second one hears it at once
+    stages = {method: center.checkpoint("maml", method, method, keep) for method in scenario.meta_methods}
+    served = [arm for arm in scenario.arms if scenario.method(arm.method).partners == "datacenter"]
+    services = {arm: center.checkpoint("fl", arm.name, f"{arm.name}{SERVED if arm.t0 else ''}", keep) for arm in served}
+    checkpoints = [*stages.values(), *services.values()]
+    if checkpoints and all(checkpoint.is_finished for checkpoint in checkpoints):
         log.warning("the data center is done with run %s: handing in again; to learn anew delete %s", run, state)
-    for method, checkpoint in checkpoints.items():
-        if not checkpoint.is_finished:
-            work = meta_train if method in META_METHODS else serve
-            work(scenario, method, run, listener, identity, reporter, checkpoint)
+    for method in scenario.method_names:
+        if method in stages and not stages[method].is_finished:
+            center.train(method, stages[method])
+        for arm in (arm for arm in served if arm.method == method and not services[arm].is_finished):
+            center.serve(arm, services[arm])
     done = Presence(agent=0, stage=2 * len(scenario.arms) + 1, state="done")
     stay = not keep.at_the_end and state is not None
     agreement.leave()
-    reporter.hand_over([*identity.filters, *agreement.filters], identity.presence, done, stay=stay)
+    filters = [*center.identity.filters, *agreement.filters]
+    center.reporter.hand_over(filters, center.identity.presence, done, stay=stay)
     if not keep.at_the_end:
         _forget(state, checkpoints)
-    reporter.leave(identity.presence)
+    center.reporter.leave(center.identity.presence)
+
+
+SERVED = ".served"
+"""Ending of the folder of an arm's service, where its stage has one too."""
+
+
+class DataCenter:
+    """What a data center's work needs, whichever method's it is."""
+
+    def __init__(self, scenario: Scenario, run: str, bus: Bus, state: Path | None) -> None:
+        self.scenario, self.run, self.bus, self._state = scenario, run, bus, state
+        patience = Patience(bus, run, scenario.federation.give_up_after_s)
+        self.listener = Listener(bus, scenario.bus.resend_after_s, patience)
+        self.reporter = Reporter(self.listener, run, state / "rounds.jsonl" if state else None)
+        processor = arithmetic(accelerator())
+        self.identity = Identity(self.listener, run, 0, 0, scenario.bus.keepalive_s, processor)
+        self.listener.handlers["presence"] = lambda message: hear_presence(message, self.listener, self.identity)
+
+    def checkpoint(self, phase: str, arm: str, name: str, keep: Keep) -> Checkpoint:
+        """Of a method's stage, or of an arm's service."""
+        folder = self._state / name if self._state else None
+        return Checkpoint(folder, owner_of(self.scenario, self.run, arm), (phase, arm), durable=keep.durable)
+
+    def train(self, method: str, checkpoint: Checkpoint) -> None:
+        """Collect experience and train for t0 rounds, send models down, stay until all robots have them."""
+        scenario, settings = self.scenario, self.scenario.meta
+        arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
+        make = scenario.method(method)
+        stage, experience = make.stage(scenario), TrainingExperience(scenario, checkpoint.folder)
+        stage.tally = partial(self.bus.meter.tally, "maml", method)
+        collector = Collector(self.listener, scenario, self.run, method)
+        training = Training(stage, experience)
+        done, models = checkpoint.restore(training), checkpoint.models()
+        collector.join(done)
+        beta = stage.beta() if scenario.energy.beta == "measured" else None
+        for round_ in range(done + 1, settings.t0 + 1):
+            # One round ahead: robots move while the data center learns.
+            collector.announce_wanted(round_, min(round_ + 1, settings.t0))
+            motions = collector.collect(round_)
+            begun = time.monotonic()
+            for each in (each for robots in motions.values() for each in robots):
+                experience.remember(each)
+            gradients = stage.learn(round_, experience.replays)
+            if round_ in {*settings.snapshots, *arms}:
+                weights, header = self._model_of(make, stage), ModelHeader(task=0, agent=0, round=round_)
+                saved = encode_saved_model(weights, header, use_of(scenario), heads=make.heads(scenario))
+                self.reporter.deliver(topics.snapshot(self.run, method, round_), saved)
+                if round_ in arms:
+                    # Robots have nothing yet that it could build on: an encoder of its own for each.
+                    models[round_] = WeightsEncoder(codec_of(scenario)).payload(weights, header)
+                    checkpoint.keep_model(round_, models[round_])
+            self._report(method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
+            checkpoint.save(round_, training.state())
+
+        for t0, arm in arms.items():
+            self.bus.publish(topics.meta_model(self.run, arm.name), models[t0], qos=scenario.bus.qos)
+        collector.announce_wanted(settings.t0 + 1, settings.t0 + 1)
+        by_name = {arm.name: models[arm.t0] for arm in arms.values()}
+        while (asked := collector.robots_that_missed_a_model()) is not None:
+            for name, agent in asked:
+                self.bus.publish(topics.meta_model(self.run, name, agent), by_name[name], qos=scenario.bus.qos)
+        checkpoint.finish()
+        collector.leave()
+        self.bus.publish(topics.meta_round(self.run, method), b"", retain=True)
+
+    def _model_of(self, method: Method, stage: Stage) -> Weights:
+        network = build_qnetwork(self.scenario)
+        shapes = meta_shapes(shapes_of(network), head_of(network), method.heads(self.scenario))
+        model = stage.weights()
+        if wrong := unfit(model, shapes):
+            raise TrainingError(f"method {method.name}: its stage's weights: {wrong}")
+        return {name: model[name] for name in shapes}
+
+    def serve(self, arm: Arm, checkpoint: Checkpoint) -> None:
+        """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
+        scenario = self.scenario
+        service = service_of(scenario, arm, checkpoint.folder, partial(self.bus.meter.tally, "fl", arm.name))
+        opened = 2 * scenario.arms.index(arm) + 1
+        desk = ClusterDesk(self.listener, scenario, self.run, arm.name, service, done=opened + 1)
+        for task in scenario.clusters:
+            if found := checkpoint.load(f"task-{task}"):
+                service.load_state(task, found[1].part("service"))
+                desk.load_state(task, found[1].part("desk"))
+        desk.listen()
+        # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
+        self.identity.announce(opened)
+        while (turn := desk.next_round()) is not None:
+            begun = time.monotonic()
+            payload, gradients = service.model(turn)
+            desk.answer(turn, payload)
+            if gradients:
+                row = RoundRow(
+                    phase="fl",
+                    arm=arm.name,
+                    task=turn.task,
+                    agent=0,
+                    round=turn.round,
+                    gradients=gradients,
+                    refused=desk.refused,
+                    seconds=round(time.monotonic() - begun, 4),
+                )
+                self.reporter.row(row)
+            if checkpoint.folder is not None:
+                state = State.of({"service": service.state(turn.task), "desk": desk.state(turn.task)})
+                checkpoint.save(turn.round, state, f"task-{turn.task}")
+            # Robots forget a round's experience when they have its model.
+            desk.send(turn.task)
+        checkpoint.finish()
+        desk.leave()
+
+    def _report(
+        self,
+        method: str,
+        round_: int,
+        gradients: Mapping[int, Gradients],
+        motions: dict[int, list[list[Motion]]],
+        refused: int,
+        seconds: float,
+        beta: float | None,
+    ) -> None:
+        for task, counts in gradients.items():
+            row = RoundRow(
+                phase="maml",
+                arm=method,
+                task=task,
+                agent=0,
+                round=round_,
+                gradients=counts.support + counts.query,
+                gradients_support=counts.support,
+                gradients_query=counts.query,
+                beta=beta,
+                experience_bytes=sum(motion.payload_bytes for robot in motions[task] for motion in robot),
+                refused=refused,
+                seconds=round(seconds / len(gradients), 4),
+            )
+            self.reporter.row(row)
+
+
+class Training:
+    """A stage and what it has learned from: what a checkpoint holds of it."""
+
+    def __init__(self, stage: Stage, experience: TrainingExperience) -> None:
+        self._stage, self._experience = stage, experience
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        return State.of({"stage": self._stage.state(), "experience": self._experience.state()})
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        self._stage.load_state(state.part("stage"))
+        self._experience.load_state(state.part("experience"))
 
 
 def hear_presence(message: Message, listener: Listener, identity: Identity) -> None:
@@ -85,60 +238,9 @@ def hear_presence(message: Message, listener: Listener, identity: Identity) -> N
         listener.otherwise(message)
 
 
-def meta_train(
-    scenario: Scenario,
-    method: Method,
-    run: str,
-    listener: Listener,
-    identity: Identity,
-    reporter: Reporter,
-    checkpoint: Checkpoint,
-) -> None:
-    """Collect experience and meta-train for t0 rounds, send meta-models down, stay until all robots have them."""
-    bus, settings = listener.bus, scenario.meta
-    arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
-    learner = MetaLearner(scenario, method, checkpoint.folder, partial(bus.meter.tally, "maml", method))
-    collector = Collector(listener, scenario, run, method)
-    done, models = checkpoint.restore(learner), checkpoint.models()
-    collector.join(done)
-    beta = None
-    if scenario.energy.beta == "measured":
-        beta = measure_beta(scenario, method).beta_time if method in EXACT_METHODS else 1.0
-    for round_ in range(done + 1, settings.t0 + 1):
-        # One round ahead: robots move while the data center learns.
-        collector.announce_wanted(round_, min(round_ + 1, settings.t0))
-        motions = collector.collect(round_)
-        begun = time.monotonic()
-        for task, robots in motions.items():
-            for each in robots:
-                learner.remember(task, each)
-        gradients = learner.learn(round_)
-        if round_ in {*settings.snapshots, *arms}:
-            weights, header = learner.weights(), ModelHeader(task=0, agent=0, round=round_)
-            saved = encode_saved_model(weights, header, use_of(scenario.network), heads=learner.meta_model.tasks)
-            reporter.deliver(topics.snapshot(run, method, round_), saved)
-            if round_ in arms:
-                # Robots have nothing yet that it could build on: an encoder of its own for each.
-                models[round_] = WeightsEncoder(codec_of(scenario)).payload(weights, header)
-                checkpoint.keep_model(round_, models[round_])
-        _report(reporter, method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
-        checkpoint.save(round_, learner.state())
-
-    for t0, arm in arms.items():
-        bus.publish(topics.meta_model(run, arm.name), models[t0], qos=scenario.bus.qos)
-    collector.announce_wanted(settings.t0 + 1, settings.t0 + 1)
-    by_name = {arm.name: models[arm.t0] for arm in arms.values()}
-    while (asked := collector.robots_that_missed_a_model()) is not None:
-        for name, agent in asked:
-            bus.publish(topics.meta_model(run, name, agent), by_name[name], qos=scenario.bus.qos)
-    checkpoint.finish()
-    collector.leave()
-    bus.publish(topics.meta_round(run, method), b"", retain=True)
-
-
-def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
+def _forget(state: Path | None, checkpoints: Sequence[Checkpoint]) -> None:
     """The run is over: leave no trace."""
-    for checkpoint in checkpoints.values():
+    for checkpoint in checkpoints:
         checkpoint.clear()
     if state is not None:
         own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
@@ -146,31 +248,3 @@ def _forget(state: Path | None, checkpoints: dict[Method, Checkpoint]) -> None:
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # somebody else's files may be in it
             state.rmdir()
-
-
-def _report(
-    reporter: Reporter,
-    method: str,
-    round_: int,
-    gradients: dict[int, Gradients],
-    motions: dict[int, list[list[Motion]]],
-    refused: int,
-    seconds: float,
-    beta: float | None,
-) -> None:
-    for task, counts in gradients.items():
-        row = RoundRow(
-            phase="maml",
-            arm=method,
-            task=task,
-            agent=0,
-            round=round_,
-            gradients=counts.support + counts.query,
-            gradients_support=counts.support,
-            gradients_query=counts.query,
-            beta=beta,
-            experience_bytes=sum(motion.payload_bytes for robot in motions[task] for motion in robot),
-            refused=refused,
-            seconds=round(seconds / len(gradients), 4),
-        )
-        reporter.row(row)

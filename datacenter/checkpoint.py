@@ -25,8 +25,11 @@ _MODEL = "model-"
 class Checkpoint:
     """One method's folder: a state for each part that learns by itself, replaced each round. None remembers nothing."""
 
-    def __init__(self, folder: Path | None, owner: str = "", *, durable: bool = False) -> None:
-        """`owner`: see `owner_of`; `durable`: see `common.disk.state.StateFile`."""
+    def __init__(
+        self, folder: Path | None, owner: str = "", whose: tuple[str, str] = ("", ""), *, durable: bool = False
+    ) -> None:
+        """`owner`: see `owner_of`; `whose`: phase and arm of its rows; `durable`: see `common.disk.state.StateFile`."""
+        self._whose = whose
         self.folder, self._owner, self._durable = folder, owner, durable
         self._files: dict[str, StateFile] = {}
         self._models: dict[str, Seal] = {}
@@ -120,7 +123,7 @@ class Checkpoint:
             rows = [RoundRow.model_validate_json(line) for line in whole_lines(path, mend=False)]
         except ValidationError as error:
             raise RunError(f"{path}: not as it was written; begin the run anew") from error
-        mine = [row for row in rows if row.arm == self.folder.name and part in ("state", f"task-{row.task}")]
+        mine = [row for row in rows if (row.phase, row.arm) == self._whose and part in ("state", f"task-{row.task}")]
         return any(row.round > 1 for row in mine)
 
     def _file(self, part: str) -> StateFile:

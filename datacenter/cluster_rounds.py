@@ -33,9 +33,10 @@ class Service(Protocol[T]):
     """What a method does with a cluster's round."""
 
     word: str
-    """Last level of the uplink topic that robots send on: weights or experience."""
-    per_robot: int
-    """Messages that each robot sends a round."""
+    """Last level of the uplink topic that robots send on: weights or transition."""
+
+    def messages(self, agent: int) -> int:
+        """How many a robot sends in a round."""
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, T]:
         """(round, place in the round, content) of a message; raises PayloadError."""
@@ -60,12 +61,12 @@ class ClusterDesk(Desk, Generic[T]):
         self, listener: Listener, scenario: Scenario, run: str, arm: str, service: Service[T], done: int
     ) -> None:
         super().__init__(listener, scenario, run, arm)
-        self._done, self._word, self._per_robot, self._read = done, service.word, service.per_robot, service.read
+        self._done, self._word, self._per_robot, self._read = done, service.word, service.messages, service.read
         self._rounds = dict.fromkeys(scenario.clusters, 1)
         self._arrived: dict[tuple[int, int, int], dict[int, T]] = {}  # (task, round, robot) -> place -> content
         self._answers: dict[int, tuple[int, bytes]] = {}
         self._asked_on = self._bus.connections
-        up = topics.weights_up if self._word == "weights" else topics.experience
+        up = topics.weights_up if self._word == "weights" else topics.transition
         self.subscriptions += [
             *(up(run, arm, task, agent) for task, cluster in scenario.clusters.items() for agent in cluster),
             *(topics.model_again(run, arm, task) for task in scenario.clusters),
@@ -120,12 +121,12 @@ class ClusterDesk(Desk, Generic[T]):
     def _keep(self, task: int, round_: int, agent: int, place: int, content: T) -> bool:
         """Whether it is new."""
         # A robot is never more than a round ahead of its cluster; older rounds are duplicates.
-        if not self._rounds[task] <= round_ <= self._rounds[task] + 1 or not 0 <= place < self._per_robot:
+        if not self._rounds[task] <= round_ <= self._rounds[task] + 1 or not 0 <= place < self._per_robot(agent):
             if round_ < self._rounds[task]:
                 return False
             raise PayloadError(
                 f"round {round_}, message {place} of robot {agent}; expected round {self._rounds[task]} "
-                f"and messages below {self._per_robot}"
+                f"and messages below {self._per_robot(agent)}"
             )
         arrived = self._arrived.setdefault((task, round_, agent), {})
         is_new = place not in arrived
@@ -170,7 +171,7 @@ class ClusterDesk(Desk, Generic[T]):
         return [
             agent
             for agent in self._scenario.cluster(task)
-            if len(self._arrived.get((task, round_, agent), {})) < self._per_robot
+            if len(self._arrived.get((task, round_, agent), {})) < self._per_robot(agent)
         ]
 
     def _ask_for_missing(self) -> None:

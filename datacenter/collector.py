@@ -72,8 +72,8 @@ class Collector(Desk):
         return list(asked) or None
 
     def _missing(self, round_: int) -> list[int]:
-        arrived, motions = self._motions.get(round_, {}), self._scenario.learning.motions_per_round
-        behind = [agent for agent in self._training if len(arrived.get(agent, {})) < motions]
+        arrived = self._motions.get(round_, {})
+        behind = [agent for agent in self._training if len(arrived.get(agent, {})) < self._scenario.motions(agent)]
         for agent in behind:
             if self._stages[agent] >= self._ready:
                 raise self.left_behind(f"robot {agent}", "past meta-learning", f"round {round_} of it")
@@ -108,7 +108,7 @@ class Collector(Desk):
             raise PayloadError(
                 f"experience of robot {header.agent}, task {header.task}; expected robot {agent}, task {task}"
             )
-        motions, t0 = self._scenario.learning.motions_per_round, self._scenario.meta.t0
+        motions, t0 = self._scenario.motions(header.agent), self._scenario.meta.t0
         if header.motion >= motions or header.round > min(self._collected + 2, t0):
             raise PayloadError(
                 f"experience of round {header.round}, motion {header.motion}; expected rounds up to "

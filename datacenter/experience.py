@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.codecs.observations import decode_experience
 from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.common.wire.types import Payload
@@ -18,9 +20,9 @@ from jouleswarm.learning.replay import Replay
 
 @dataclass(frozen=True)
 class Motion:
-    """One motion: the frame at the network's size, uint8 [height, width, 4], and what the payload weighed."""
+    """One motion: what was seen, as a replay memory keeps it, and what the payload weighed."""
 
-    frame: npt.NDArray[np.uint8]
+    frame: npt.NDArray[Any]
     header: MotionHeader
     payload_bytes: int = 0
 
@@ -29,11 +31,13 @@ def read_motion(payload: Payload, scenario: Scenario) -> Motion:
     """A motion from the uplink.
 
     Raises:
-        PayloadError: it is none of this scenario's frame size and codec.
+        PayloadError: it is none of this scenario's observations, actions and codec.
     """
-    camera, network = scenario.camera, scenario.network
-    codec, sizes = scenario.meta.experience_codec, ((camera.width, camera.height), (network.width, network.height))
-    frame, header = decode_experience(payload, codec, *sizes)
+    spaces = scenario.spaces
+    kept = spaces.observation.kept(scenario.network)
+    frame, header = decode_experience(payload, scenario.meta.experience_codec, spaces.observation, kept)
+    if header.action >= (actions := len(spaces.actions)):
+        raise PayloadError(f"motion of robot {header.agent}: action {header.action}, expected 0 to {actions - 1}")
     return Motion(frame, header, len(payload))
 
 
@@ -46,8 +50,9 @@ class Walks:
     follow one another. The last motion of a truncated episode never becomes one, for nothing was seen after it.
     """
 
-    def __init__(self, replay: Replay, motions_per_round: int) -> None:
-        self._replay, self._per_round = replay, motions_per_round
+    def __init__(self, replay: Replay, motions: Callable[[int], int]) -> None:
+        """`motions`: of a robot's round."""
+        self._replay, self._motions = replay, motions
         self._held: dict[int, Motion] = {}  # robot -> its newest motion, unless that ended an episode
         self._newest = 0  # the robot whose frame is the memory's newest
 
@@ -71,10 +76,11 @@ class Walks:
 
     def _follows(self, before: MotionHeader, after: MotionHeader) -> bool:
         # A robot that was left out of a round (federation.on_missing) has moved on meanwhile.
-        return not after.first and self._place(after) == self._place(before) + 1
-
-    def _place(self, header: MotionHeader) -> int:
-        return header.round * self._per_round + header.motion
+        if after.first:
+            return False
+        is_last = before.motion == self._motions(before.agent) - 1
+        next_place = (before.round + 1, 0) if is_last else (before.round, before.motion + 1)
+        return (after.round, after.motion) == next_place
 
     def state(self) -> State:
         """See `common.disk.state.Stateful`; the memory's own is apart."""
@@ -89,3 +95,39 @@ class Walks:
             int(agent): Motion(state.arrays[agent], MotionHeader.model_validate(header))
             for agent, header in state.values["held"].items()
         }
+
+
+class TrainingExperience:
+    """What each training robot k has sent, E_ik: a replay memory of its own, and the walk on its way there."""
+
+    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
+        """`folder`: for the frames, for who wants to go on from a state."""
+        meta, kept = scenario.meta, scenario.spaces.observation.kept(scenario.network)
+
+        def replay(agent: int) -> Replay:
+            frames = folder and folder / f"frames-{agent}.bin"
+            return Replay(meta.replay_size, kept, frames, 2 * scenario.motions(agent))
+
+        self.replays = {
+            task: {agent: replay(agent) for agent in agents} for task, agents in scenario.training_agents.items()
+        }
+        """Training task -> robot -> its memory."""
+        memories = {agent: held for of_task in self.replays.values() for agent, held in of_task.items()}
+        self._walks = {agent: Walks(held, scenario.motions) for agent, held in memories.items()}
+        self._memories = memories
+
+    def remember(self, motions: Sequence[Motion]) -> None:
+        """Put in one robot's round, in the order of time."""
+        if motions:
+            self._walks[motions[0].header.agent].remember(motions)
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        replays = {f"replay-{agent}": held.state() for agent, held in self._memories.items()}
+        return State.of({**replays, **{f"walks-{agent}": held.state() for agent, held in self._walks.items()}})
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        for agent, held in self._memories.items():
+            held.load_state(state.part(f"replay-{agent}"))
+            self._walks[agent].load_state(state.part(f"walks-{agent}"))

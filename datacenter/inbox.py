@@ -22,7 +22,7 @@ def names(agents: Iterable[int]) -> list[str]:
 
 
 class Desk:
-    """One arm's or method's subscriptions, and how far each robot has come (see agents/agent.py)."""
+    """One arm's or method's subscriptions, and how far each robot has come (see agents/robot.py)."""
 
     def __init__(self, listener: Listener, scenario: Scenario, run: str, arm: str) -> None:
         self._listener, self._bus, self._scenario, self._run, self._arm = listener, listener.bus, scenario, run, arm

@@ -18,6 +18,7 @@ from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.sections import ExperienceCodec
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.broker_counters import BrokerLimits, BrokerSnapshot, CountersPiece, CountersRequest
 from jouleswarm.common.wire.messages import (
     MAX_REWARD,
@@ -35,7 +36,7 @@ from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.common.wire.types import Array, Payload
 
 SHAPES = {"0.weight": (4, 4, 3, 3), "0.bias": (4,), "5.weight": (4, 16), "5.bias": (4,)}
-CAMERA, NETWORK = (16, 12), (8, 6)  # width, height
+CAMERA, NETWORK = (Observation(shape=shape, dtype="uint8") for shape in ((12, 16, 4), (6, 8, 4)))
 CODECS = (FLOAT32, Float16(), Int8(), TopK(0.1))
 EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
 
@@ -96,14 +97,14 @@ def _kept_model() -> Target:
 def _motion(codec: ExperienceCodec, rng: np.random.Generator) -> Target:
     def read(payload: Payload) -> None:
         frame, header = decode_experience(payload, codec, CAMERA, NETWORK)
-        assert frame.shape == (NETWORK[1], NETWORK[0], 4)
+        assert frame.shape == NETWORK.shape
         assert frame.dtype == np.uint8
         assert abs(header.reward) <= MAX_REWARD
-        assert 0 <= header.action <= 3
+        assert header.action >= 0
 
-    frame = rng.integers(0, 256, (CAMERA[1], CAMERA[0], 4), np.uint8)
+    frame = rng.integers(0, 256, CAMERA.shape, np.uint8)
     header = MotionHeader(task=2, agent=3, round=1, motion=0, action=3, reward=-1.5, first=True, terminated=False)
-    return Target(f"motion {codec}", (encode_experience(frame, header, codec, *NETWORK),), read)
+    return Target(f"motion {codec}", (encode_experience(frame, header, codec, NETWORK),), read)
 
 
 def _messages() -> tuple[Target, ...]:

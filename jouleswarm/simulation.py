@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.bus.reporter import Telemetry
 from jouleswarm.common.process import use_one_thread

@@ -6,13 +6,14 @@ import re
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer.main
 import yaml
-from click import Command, Group
 
 from jouleswarm.cli.main import app
+from tests.test_layout import FLOORS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
@@ -23,19 +24,28 @@ by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 def missing_links(page: Path) -> list[str]:
     """Links of a page to files that are not there."""
-    targets = re.findall(r"\]\(([^)#]+)\)", page.read_text())
+    targets = re.findall(r"\]\(([^)#]+)\)", re.sub(r"```.*?```", "", page.read_text(), flags=re.S))
     return [target for target in targets if "://" not in target and not (page.parent / target).exists()]
 
 
 def missing_paths(text: str) -> list[str]:
-    """Paths in backquotes, from the checkout's root, that are not there."""
-    paths = re.findall(r"`([\w.-]+/[\w./-]*)`", text)
-    return [path for path in paths if path.split("/")[0] in NAMES and not (ROOT / path).exists()]
+    """Files and folders in backquotes, from the checkout's root, that are not there; capitals stand for others."""
+    paths = re.findall(r"`([\w.-]+/(?:[\w.-]+/)*(?:[\w-]+\.\w+)?)`", text)
+    known = [path for path in paths if path.split("/")[0] in NAMES and not re.search(r"[A-Z]{3}", path)]
+    return [path for path in known if not (ROOT / path).exists()]
 
 
 def missing_modules(text: str) -> list[str]:
     """Modules of `python -m` that cannot be imported."""
-    return [name for name in re.findall(r"python -m\s+([\w.]+)", text) if name[-1] != "." and find_spec(name) is None]
+    names = set(re.findall(r"python -m\s+([a-z_.]*[a-z_])\b", text))
+    return [name for name in sorted(names) if not is_module(name)]
+
+
+def is_module(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:  # of its package
+        return False
 
 
 def wrong_commands(text: str) -> list[str]:
@@ -45,8 +55,8 @@ def wrong_commands(text: str) -> list[str]:
         r"^jouleswarm ((?:.*\\\n)*.*)$", "\n".join(re.findall(r"```sh\n(.*?)```", text, re.S)), re.M
     ):
         words = line.replace("\\\n", " ").split("#")[0].split()
-        command: Command | None = typer.main.get_command(app)
-        while isinstance(command, Group) and words:
+        command: Any = typer.main.get_command(app)
+        while hasattr(command, "commands") and words:
             command = command.commands.get(words.pop(0))
         known = {option for each in command.params for option in each.opts} if command else set()
         wrong += [line] if not command or {word for word in words if word.startswith("--")} - known else []
@@ -89,3 +99,38 @@ def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
         "Bennis",
     ]
     assert f"## {project['version']} " in (ROOT / "CHANGELOG.md").read_text()
+
+
+def undefined_steps(text: str) -> list[str]:
+    """Functions that a numbered step names after a link to their file, and the file does not define."""
+    undefined = []
+    for step in re.findall(r"^\d+\. (.*)$", text, re.M):
+        for target, names in re.findall(r"\]\(\.\./([\w./]+\.py)\)((?:,? `\w+`)+)", step):
+            source = (ROOT / target).read_text()
+            for name in re.findall(r"\w+", names):
+                undefined += [] if re.search(rf"\b(?:def|class) {name}\b", source) else [f"{target} {name}"]
+    return undefined
+
+
+def test_each_step_of_the_three_ways_is_in_the_code_and_no_way_is_long() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    ways = text.split("\n### ")[1:]
+    assert [way.splitlines()[0] for way in ways] == [
+        "An observation",
+        "A robot's weights",
+        "A counted byte, to a joule",
+    ]
+    assert [undefined_steps(way) for way in ways] == [[], [], []]
+    assert all(8 <= len(re.findall(r"^\d+\. ", way, re.M)) <= 12 for way in ways)
+
+
+def test_a_step_that_is_not_in_the_code_is_found() -> None:
+    told = "1. [dqn.py](../jouleswarm/learning/dqn.py) `td_loss`, `td_lost`: a step"
+    assert undefined_steps(told) == ["jouleswarm/learning/dqn.py td_lost"]
+
+
+def test_the_drawing_of_rooms_has_each_room_on_its_floor() -> None:
+    drawing = (ROOT / "docs" / "architecture.md").read_text().split("```")[1]
+    floors = {int(line.split()[0]): line for line in drawing.splitlines() if re.match(r" \d  ", line)}
+    for floor, rooms in enumerate(FLOORS[:-1]):
+        assert all(re.search(rf"\b{room}\b", floors[floor]) for room in rooms), floor

@@ -115,7 +115,7 @@ def test_mqtt_libraries_stay_behind_the_bus_and_in_the_broker() -> None:
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("from jouleswarm.agents.agent import run_agent", "jouleswarm.agents.agent.run_agent"),
+        ("from jouleswarm.agents.robot import run_agent", "jouleswarm.agents.robot.run_agent"),
         ("import jouleswarm.broker.core", "jouleswarm.broker.core"),
         ("from agents.agent import run_agent", "agents.agent.run_agent"),
         ("from ..agents import agent", "..agents.agent"),

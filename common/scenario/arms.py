@@ -1,38 +1,30 @@
-"""Learning methods by name, and the arms of a run: which method, from which meta-model."""
+"""The arms of a run: which method, from which meta-model; and what the ground floor asks of a method."""
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+import re
+from typing import Any, NamedTuple, Protocol
 
-Method = Literal["fl", "isolated", "fedavg", "centralized", "maml", "fomaml", "reptile", "anil", "multitask"]
+_ON_THE_WAY = re.compile(r"(.+)-t(\d+)")
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
+_TAKEN = ("all", "meter")  # levels of topics that are no arm's
 
-METHODS: dict[str, str] = {
-    "fl": "decentralized federated learning over sidelinks, eq. (6), no transfer",
-    "isolated": "each robot by itself, nothing exchanged",
-    "fedavg": "federated averaging by a parameter server: weights up, their average down",
-    "centralized": "raw observations up, deep Q-learning in the data center, weights down",
-    "maml": "MAML in the data center, gradient through gradient (eq. (5)), then fl",
-    "fomaml": "MAML with the first-order approximation of eq. (5), then fl",
-    "reptile": "Reptile in the data center (Nichol et al. 2018), then fl",
-    "anil": "MAML whose inner loop adapts the last layer only (Raghu et al. 2020), then fl",
-    "multitask": "joint training on the Q training tasks in the data center, then fl",
-}
 
-META_METHODS = ("maml", "fomaml", "reptile", "anil", "multitask")
-"""Methods that train a model in the data center first, for robots to start from."""
+class AnyMethod(Protocol):
+    """A method as far as a scenario depends on it (all of it: jouleswarm/methods/method.py)."""
 
-EXACT_METHODS = ("maml", "anil")
-"""Meta methods that differentiate through the adaptation, eq. (5)."""
-
-SERVED_METHODS = ("fedavg", "centralized")
-"""Methods in which the data center takes part in every round."""
+    name: str
+    partners: str
+    sends: str
+    stage: Any
 
 
 class Arm(NamedTuple):
     """One column of a run: its name is a level of every topic."""
 
     name: str
-    method: Method
+    method: str
+    """Name of its method."""
     t0: int
     """Rounds of meta-training behind the model that robots start from; 0 without."""
 
@@ -43,11 +35,17 @@ def arm_name(method: str, t0: int | None = None) -> str:
 
 
 def method_of(arm: str) -> str:
-    """The method of an arm, from its name."""
-    return arm.partition("-t")[0]
+    """The name of an arm's method, from its own; see `is_method_name`."""
+    found = _ON_THE_WAY.fullmatch(arm)
+    return found[1] if found else arm
 
 
 def snapshot_of(arm: str) -> int | None:
     """The round on the way whose meta-model an arm starts from; None for the last one (or for none at all)."""
-    _, marked, round_ = arm.partition("-t")
-    return int(round_) if marked else None
+    found = _ON_THE_WAY.fullmatch(arm)
+    return int(found[2]) if found else None
+
+
+def is_method_name(name: str) -> bool:
+    """Whether a method can be called so: a level of topics and of file names, that no arm on the way can be named."""
+    return _NAME.fullmatch(name) is not None and snapshot_of(name) is None and name not in _TAKEN

@@ -12,14 +12,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from jouleswarm.common.doors import trial_of
+from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import Interface
 
-DOORS = "doors"
-"""Folder of a run directory with the user's files that came in by doors."""
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 
 
@@ -35,10 +34,11 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     path = scenario_path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        data = parse_json(text)["scenario"] if path.suffix == ".json" else parse_toml(text)
+        held = parse_json(text) if path.suffix == ".json" else {"scenario": parse_toml(text)}
+        data, interface = held["scenario"], held.get("interface")
     except OSError as error:
         raise ConfigurationError(f"scenario {path}: cannot be read ({error.strerror})") from error
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: {error}") from error
     except ValueError as error:
         expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
@@ -47,7 +47,7 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, str(path), path.parent / DOORS if path.suffix == ".json" else path.parent)
+    return scenario_from(data, str(path), path.parent / DOORS if path.suffix == ".json" else path.parent, interface)
 
 
 def scenario_path(path: str | Path) -> Path:
@@ -73,17 +73,28 @@ def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> 
     data = scenario.model_dump(mode="json")
     for override in overrides:
         _apply(data, override)
-    return scenario_from(data, where, scenario.folder)
+    changed = scenario_from(data, where, scenario.folder)
+    changed.known.extend(scenario.known)
+    return changed
 
 
-def scenario_from(data: dict[str, Any], where: str, folder: Path | None = None) -> Scenario:
-    """Validate a scenario given as plain data; `where` names its origin in errors, `folder` holds files it names.
+def scenario_from(
+    data: dict[str, Any], where: str, folder: Path | None = None, interface: dict[str, Any] | None = None
+) -> Scenario:
+    """Validate a scenario given as plain data.
+
+    Args:
+        data: of the scenario.
+        where: names its origin in errors.
+        folder: holds files that it names.
+        interface: its sizes, where a run's manifest has them (see `common.scenario.spaces`).
 
     Raises:
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
     try:
-        scenario = Scenario.model_validate(data, context={"folder": folder})
+        known = None if interface is None else Interface.model_validate(interface)
+        scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
     if misfit := next(misfits(scenario), None):

@@ -14,8 +14,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 HEAD = """# Scenarios
 
 A scenario is one TOML file, checked before anything starts: what is unknown, out of bounds or does not fit together is
-refused with one line and exit code 2. This page is made from the models that check it (`python -m
-jouleswarm.common.scenario.reference`). `--set section.key=value` changes any field of a command's scenario. Four come
+refused with one line and exit code 2. This page is made from the models that check it, by `python -m
+jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. Four come
 with the package, by name:
 
 | scenario | what |

@@ -7,24 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from jouleswarm.common.doors import Kind, digest, file_of, open_door
+from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import META_METHODS, METHODS, SERVED_METHODS, Arm, Method, arm_name
-from jouleswarm.common.scenario.sections import (
-    Bus,
-    Camera,
-    Energy,
-    Federation,
-    Learning,
-    Meta,
-    Network,
-    Section,
-    Task,
-    World,
-)
-from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
+from jouleswarm.common.scenario.arms import AnyMethod, Arm, arm_name
+from jouleswarm.common.scenario.edges import Edges, read_edges
+from jouleswarm.common.scenario.problem import Problem
+from jouleswarm.common.scenario.sections import Bus, Energy, Federation, Learning, Meta, Robot
 
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
@@ -35,32 +25,24 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 """Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
 
 
-class Scenario(Section):
+class Scenario(Problem):
     """A whole experiment. Build one with `load_scenario`."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
     seed: int = Field(1, ge=0, le=2**63 - 1)
-    methods: tuple[Method, ...] = ("maml", "fl")
-    tasks: tuple[Task, ...] = Field(min_length=1, max_length=1000)
-    world: World = World()
-    camera: Camera = Camera()
-    network: Network = Network()
+    methods: tuple[str, ...] = ("maml", "fl")
+    robots: tuple[Robot, ...] = Field((), max_length=1000)
     learning: Learning = Learning()
     federation: Federation = Federation()
     meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
-    _folder: Path | None = PrivateAttr(None)
-
-    def model_post_init(self, context: Any) -> None:
-        """Remember where files are that the scenario names (see `common.doors`)."""
-        self._folder = (context or {}).get("folder")
 
     @field_validator("methods")
     @classmethod
     def _methods_differ(cls, methods: tuple[str, ...]) -> tuple[str, ...]:
         if not methods or len(set(methods)) != len(methods):
-            raise ValueError(f"name each method once, one or more of {', '.join(METHODS)}")
+            expected = f"{', '.join(SHIPPED['methods'])}, or module:name"
+            raise ValueError(f"name each method once, one or more of {expected}; got {list(methods)}")
         return methods
 
     @model_validator(mode="after")
@@ -68,14 +50,14 @@ class Scenario(Section):
         ids = [task.id for task in self.tasks]
         if len(set(ids)) != len(ids):
             raise ValueError(f"tasks have ids {ids}, expected each id once")
-        for task in self.tasks:
-            try:
-                task_map = parse_map(task.map, self.world.rows, self.world.cols)
-            except ConfigurationError as error:
-                raise ValueError(f"task {task.id}: {error}") from error
-            landmarks = task_map.rows * task_map.cols
-            if task.rewards is not None and len(task.rewards) != landmarks:
-                raise ValueError(f"task {task.id}: {len(task.rewards)} rewards, expected {landmarks}")
+        own = [robot.id for robot in self.robots]
+        if len(set(own)) != len(own) or not set(own) <= set(self.agents):
+            raise ValueError(f"robots have ids {own}, expected each once and of those that tasks have: {self.agents}")
+        try:
+            self._check_methods()
+            _ = self.edges
+        except ConfigurationError as error:
+            raise ValueError(str(error)) from error
         if self.meta_methods and self.meta.t0 < 1:
             raise ValueError('meta.t0 is 0, expected 1 or more (or methods = ["fl"])')
         if self.meta_methods and not self.meta.training_tasks:
@@ -113,8 +95,20 @@ class Scenario(Section):
             self._folder = None  # two scenarios are equal wherever they were read from
         return self
 
+    def _check_methods(self) -> None:
+        names = [kind.name for kind in self._kinds]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            called = [named for named, name in zip(self.methods, names, strict=True) if name == twice]
+            raise ValueError(f"methods {' and '.join(called)} are both called {twice}, expected a name each")
+        both = [kind.name for kind in self._kinds if kind.stage is not None and kind.partners == "datacenter"]
+        if both and set(self.meta.adapt_from) - {self.meta.t0}:
+            raise ValueError(
+                f"meta.adapt_from is {self.meta.adapt_from} and {both[0]} has a stage and the data center in its "
+                "rounds: it would have to train and serve at once; expected no such rounds"
+            )
+
     def _check_on_missing(self) -> None:
-        served = [method for method in self.methods if method in SERVED_METHODS]
+        served = [kind.name for kind in self._kinds if kind.partners == "datacenter"]
         if self.federation.on_missing == "proceed" and served:
             raise ValueError(
                 f'federation.on_missing = "proceed" with {", ".join(served)}: expected methods over sidelinks, for who '
@@ -129,48 +123,98 @@ class Scenario(Section):
     @property
     def named(self) -> tuple[tuple[Kind, str], ...]:
         """What comes in by doors."""
-        return (("codecs", self.federation.codec),)
+        build = self.network.build
+        return (
+            ("environments", self.environment),
+            *((("networks", build),) if build is not None else ()),
+            *(("methods", name) for name in self.methods),
+            ("codecs", self.federation.codec),
+        )
 
     @property
     def files(self) -> dict[str, Path]:
-        """Files of the user's own that come in by doors, by the name of their module."""
-        found = {name.partition(":")[0]: file_of(name, self._folder) for _, name in self.named}
-        return {module: path for module, path in found.items() if path is not None}
+        """Files of the user's own, by their names: what comes in by doors, and what else the scenario names."""
+        found = (file_of(name, self._folder) for _, name in self.named)
+        paths = [*(path for path in found if path is not None), *map(self.beside, self.named_files)]
+        return {path.name: path for path in paths}
+
+    @property
+    def named_files(self) -> tuple[str, ...]:
+        """Files that are no doors: a list of edges, a model to begin from."""
+        edges = (self.federation.topology,) if self.federation.has_own_edges else ()
+        return edges if self.learning.init is None else (*edges, self.learning.init)
+
+    def beside(self, name: str) -> Path:
+        """A file that the scenario names, as seen from its own; of a run the file that was kept with it."""
+        folder = self._folder or Path()
+        given, kept = folder / name, folder / Path(name).name
+        return kept if kept.is_file() and (folder.name == DOORS or not given.is_file()) else given
+
+    @cached_property
+    def edges(self) -> Edges | None:
+        """The user's own graph of sidelinks, by task; None where it is drawn by a rule."""
+        if not self.federation.has_own_edges:
+            return None
+        return read_edges(self.beside(self.federation.topology), self.clusters)
 
     @property
     def digests(self) -> dict[str, str]:
         """SHA-256 of `files`."""
-        return {module: digest(path) for module, path in sorted(self.files.items())}
+        return {name: digest(path) for name, path in sorted(self.files.items())}
 
     @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
-        return settings + (json.dumps(digests) if (digests := self.digests) else "")
+        beside = getattr(self.factory, "digest", lambda scenario: "")(self)
+        return settings + (json.dumps(digests) if (digests := self.digests) else "") + beside
 
     def open(self, kind: Kind, name: str) -> Any:
-        """What goes by a name of the scenario's (see `common.doors.open_door`)."""
-        return open_door(kind, name, self._folder)
+        """What goes by a name of the scenario's (see `common.doors.enter`)."""
+        return enter(kind, name, self._folder)
+
+    @cached_property
+    def _kinds(self) -> tuple[type[AnyMethod], ...]:
+        return tuple(self.open("methods", name) for name in self.methods)
+
+    def method(self, name: str) -> Any:
+        """A new object of one of the scenario's methods, or of one that ships here, by its own name."""
+        return (next((kind for kind in self._kinds if kind.name == name), None) or self.open("methods", name))()
 
     @property
-    def meta_methods(self) -> tuple[Method, ...]:
-        """Those of the methods that train a model in the data center first."""
-        return tuple(method for method in self.methods if method in META_METHODS)
+    def method_names(self) -> tuple[str, ...]:
+        """What the methods call themselves, in their order."""
+        return tuple(kind.name for kind in self._kinds)
+
+    @property
+    def meta_methods(self) -> tuple[str, ...]:
+        """Names of the methods that train a model in the data center first."""
+        return tuple(kind.name for kind in self._kinds if kind.stage is not None)
+
+    @property
+    def experience_methods(self) -> tuple[str, ...]:
+        """Names of the methods by which robots send raw experience up."""
+        return tuple(kind.name for kind in self._kinds if kind.stage is not None or kind.sends == "experience")
+
+    @property
+    def is_learned_centrally(self) -> bool:
+        """Whether by any method the data center learns a whole cluster's task."""
+        return any(kind.sends == "experience" for kind in self._kinds)
 
     @property
     def needs_datacenter(self) -> bool:
         """Whether any method has work for the data center."""
-        return any(method in (*META_METHODS, *SERVED_METHODS) for method in self.methods)
+        return any(kind.stage is not None or kind.partners == "datacenter" for kind in self._kinds)
 
     @cached_property
     def arms(self) -> tuple[Arm, ...]:
         """What robots do one after the other: each method, from each meta-model that is adapted."""
         arms: list[Arm] = []
-        for method in self.methods:
-            meta = method in META_METHODS
+        for kind in self._kinds:
+            meta = kind.stage is not None
             on_the_way = sorted(set(self.meta.adapt_from) - {self.meta.t0}) if meta else []
-            arms += [Arm(arm_name(method, t0), method, t0) for t0 in on_the_way]
-            arms.append(Arm(method, method, self.meta.t0 if meta else 0))
+            arms += [Arm(arm_name(kind.name, t0), kind.name, t0) for t0 in on_the_way]
+            arms.append(Arm(kind.name, kind.name, self.meta.t0 if meta else 0))
         return tuple(arms)
 
     @cached_property
@@ -203,6 +247,26 @@ class Scenario(Section):
                 return task
         raise ConfigurationError(f"robot {agent} is not in the scenario, expected one of {self.agents}")
 
+    def motions(self, agent: int) -> int:
+        """|E_ik|: transitions that robot `agent` makes in a round."""
+        return self._per_round[agent][0]
+
+    def batches(self, agent: int) -> int:
+        """B_ik: gradient steps of robot `agent` in a round."""
+        return self._per_round[agent][1]
+
+    @cached_property
+    def _per_round(self) -> dict[int, tuple[int, int]]:
+        """Robot -> motions and batches of its round: its own, else its task's, else those of all."""
+        own, per_round = {robot.id: robot for robot in self.robots}, {}
+        for task in self.tasks:
+            for agent in self.clusters[task.id]:
+                sections = (*((own[agent],) if agent in own else ()), task, self.learning)
+                motions = next(each.motions_per_round for each in sections if each.motions_per_round is not None)
+                batches = next(each.batches_per_round for each in sections if each.batches_per_round is not None)
+                per_round[agent] = motions, batches
+        return per_round
+
     @property
     def agents(self) -> tuple[int, ...]:
         """Ids of all robots."""
@@ -212,11 +276,3 @@ class Scenario(Section):
     def training_agents(self) -> dict[int, tuple[int, ...]]:
         """Training task id -> ids of the robots that send its experience up."""
         return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
-
-    def task(self, task: int) -> Task:
-        """The task with id `task`."""
-        return next(each for each in self.tasks if each.id == task)
-
-    def task_map(self, task: int) -> TaskMap:
-        """The parsed map of a task."""
-        return parse_map(self.task(task).map, self.world.rows, self.world.cols)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 # Every number has both bounds: far beyond what anybody runs, and within what arithmetic, memory and messages can hold.
 Id = Annotated[int, Field(ge=1, le=1_000_000)]
 Robots = Annotated[int, Field(ge=1, le=1000)]
-Landmarks = Annotated[int, Field(ge=1, le=64)]
 Rounds = Annotated[int, Field(ge=1, le=1_000_000)]
 Batches = Annotated[int, Field(ge=1, le=100_000)]  # gradient steps of a round
 BatchSize = Annotated[int, Field(ge=1, le=100_000)]
 Motions = Annotated[int, Field(ge=1, le=100_000)]
 Frames = Annotated[int, Field(ge=3, le=100_000_000)]  # fewer can all be without a successor: nothing to learn from
-CameraPixels = Annotated[int, Field(ge=1, le=4096)]
 NetworkPixels = Annotated[int, Field(ge=1, le=1024)]
 Channels = Annotated[int, Field(ge=1, le=4096)]
 Kernel = Annotated[int, Field(ge=1, le=1024)]
@@ -24,9 +22,7 @@ Units = Annotated[int, Field(ge=1, le=1_000_000)]
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Share = Annotated[float, Field(ge=1e-9, le=1)]
-Metres = Annotated[float, Field(ge=1e-3, le=1e4)]
 Seconds = Annotated[float, Field(ge=1e-3, le=1e6)]
-RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6)]  # see common.wire.messages.MAX_REWARD
 LearningRate = Annotated[float, Field(ge=1e-37, le=1e3)]  # float32 holds it
 Watts = Annotated[float, Field(ge=1e-6, le=1e9)]
 BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
@@ -34,6 +30,8 @@ Efficiency = Annotated[float, Field(ge=1e-6, le=1e15)]  # bit/J
 Pue = Annotated[float, Field(ge=1, le=1e3)]
 BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
 CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
+
+_TOPOLOGIES = ("full", "ring", "random")
 
 Value = TypeVar("Value")
 
@@ -51,53 +49,39 @@ class Section(BaseModel):
         return value
 
 
-class World(Section):
-    """The landmark grid and how a map becomes a position-reward table."""
+class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes any other field as well
+    """One task: what its environment is made with. An environment may have fields of its own beside these."""
 
-    rows: Landmarks = 8
-    cols: Landmarks = 5
-    cell_m: Metres = Field(1.0, description="distance between landmarks, metres")
-    exit_reward: RewardSetting = 80.0
-    path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
-    path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
-    off_path_reward: RewardSetting = Field(
-        -1.5, description="added for each motion away from the nearest path landmark"
-    )
-    obstacle_reward: RewardSetting = -80.0
-    max_motions: int = Field(20, ge=1, le=100_000, description="an episode is truncated after this many motions")
-
-
-class Task(Section):
-    """One trajectory to follow, drawn as a text map (see landmarks/maps.py)."""
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
     id: Id
-    map: str
-    rewards: tuple[RewardSetting, ...] | None = Field(
-        None, description="position-reward table, row by row, in place of the one made from the map"
-    )
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
+    motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
+    batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
+    kwargs: dict[str, Any] = Field({}, description="arguments of the environment's factory")
 
 
-class Camera(Section):
-    """The robots' two cameras: RGB and time of flight (5 m range), one frame = (height, width, 4) uint8."""
+class Robot(Section):
+    """What one robot has of its own, by its number: robots are numbered from 1 in the order of the tasks."""
 
-    width: CameraPixels = 640
-    height: CameraPixels = 480
-    range_m: Metres = 5.0
-    pose_jitter_m: float = Field(0.03, ge=0, le=1e4)
-    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
-    noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
+    id: Id
+    motions_per_round: Motions | None = Field(None, description="|E_ik|; default its task's")
+    batches_per_round: Batches | None = Field(None, description="B_ik; default its task's")
 
 
 class Network(Section):
-    """The Q-network of Mnih et al. (2015): convolutions, one or more dense layers, one output an action."""
+    """The Q-network: by default that of Mnih et al. (2015) for images, dense layers alone for all else."""
 
-    width: NetworkPixels = 96
-    height: NetworkPixels = 72
+    build: str | None = Field(
+        None, description="deepmind, mlp or module:build; default by the observation: images deepmind, else mlp"
+    )
+    kwargs: dict[str, Any] = Field({}, description="for a network of your own")
+    width: NetworkPixels | None = Field(None, description="images are shrunk to this; default as they are")
+    height: NetworkPixels | None = None
     conv: tuple[tuple[Channels, Kernel, Kernel], ...] = Field(
         ((32, 8, 4), (64, 4, 2), (64, 3, 1)), max_length=32, description="(channels, kernel, stride) of each layer"
     )
-    dense: tuple[Units, ...] = Field((512,), max_length=32)
+    dense: tuple[Units, ...] = Field((512,), max_length=32, description="units of each dense layer but the last")
 
 
 Starts = Literal["area", "anywhere", "entry"]
@@ -120,8 +104,20 @@ class Learning(Section):
     replay_size: Frames = 2000
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
+    init: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="a model to begin from in place of random weights, beside the scenario: a file of a run's weights/ "
+        "(.safetensors). Of robots without a stage before, of the stage itself, and of central learners",
+    )
     starts: Starts = Field(
-        "area", description="where learning episodes start: the robot's own share of the landmarks, any, the entry"
+        "area",
+        description="where learning episodes start, of an environment that offers it: in the robot's own share of the "
+        "places, anywhere, or where an evaluation starts",
+    )
+    max_episode_steps: int = Field(
+        100_000, ge=1, le=10_000_000, description="an episode that its environment has not ended is cut after so many"
     )
 
 
@@ -129,7 +125,7 @@ class Federation(Section):
     """Decentralized federated averaging inside a cluster, eq. (6)."""
 
     robots_per_cluster: Robots = 2
-    topology: Literal["full", "ring", "random"] = "full"
+    topology: str = Field("full", description="full, ring, random, or a file of the graph's edges: NAME.csv")
     degree: Robots = Field(2, description="neighbours of each robot under the random topology")
     step: float | None = Field(
         None,
@@ -164,6 +160,18 @@ class Federation(Section):
     max_rounds: Rounds = 200
     target_reward: float = Field(50.0, ge=-1e9, le=1e9)
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
+
+    @field_validator("topology")
+    @classmethod
+    def _is_a_rule_or_a_file(cls, topology: str) -> str:
+        if topology not in _TOPOLOGIES and not topology.endswith(".csv"):
+            raise ValueError(f"got {topology!r:.60}, expected {', '.join(_TOPOLOGIES)}, or a file of edges, NAME.csv")
+        return topology
+
+    @property
+    def has_own_edges(self) -> bool:
+        """Whether the graph is the user's own."""
+        return self.topology not in _TOPOLOGIES
 
 
 class Meta(Section):

@@ -10,19 +10,19 @@ from __future__ import annotations
 import json
 from typing import Annotated, Literal, Self, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.tensorfile import (
     MAX_HEADER_BYTES,
     Header,
+    code_of,
     decode_tensors,
     encode_tensors,
     first_reason,
 )
-from jouleswarm.common.wire.types import Payload
+from jouleswarm.common.wire.types import Array, Payload
 
 MOTION_METADATA_BYTES = 320
 MAX_REWARD = 1e9
@@ -77,16 +77,16 @@ class MotionHeader(Header):
     agent: int = Field(ge=1, le=MAX_COUNT)
     round: int = Field(ge=1, le=MAX_COUNT)
     motion: Count
-    action: int = Field(ge=0, le=3)
+    action: Count
     reward: Reward
     first: Annotated[bool, BeforeValidator(from_json)] = Field(description="the frame opens an episode")
     terminated: Annotated[bool, BeforeValidator(from_json)]
-    codec: Literal["png", "resized"] | None = Field(None, description="of the frame; none: raw")
+    codec: Literal["png", "resized"] | None = Field(None, description="of the observation; none: raw")
     padding: str = ""
 
 
 class Presence(Header):
-    """Where a process stands: its `stage` only grows (see agents/agent.py).
+    """Where a process stands: its `stage` only grows (see agents/robot.py).
 
     done: it has ended, and nobody needs it any more; the recorder removes this when the run is over. Of the recorder
     itself, that the whole run is recorded.
@@ -139,22 +139,24 @@ class Episode(Header):
     reward: Reward
 
 
-def encode_motion(frame: npt.NDArray[np.uint8], header: MotionHeader) -> bytes:
-    """One motion with a frame, uint8 [height, width, 4], of the camera's or the network's size."""
-    return encode_tensors({"frame": frame}, header, MOTION_METADATA_BYTES)
+def encode_motion(observation: Array, header: MotionHeader) -> bytes:
+    """One motion with its observation, as it was seen or as it is kept."""
+    return encode_tensors({"frame": observation}, header, MOTION_METADATA_BYTES)
 
 
 def decode_motion(
-    payload: Payload, height: int, width: int, codec: Literal["resized"] | None = None
-) -> tuple[npt.NDArray[np.uint8], MotionHeader]:
+    payload: Payload, expected: Observation, codec: Literal["resized"] | None = None
+) -> tuple[Array, MotionHeader]:
     """Read one motion.
 
     Raises:
-        PayloadError: not a motion of this frame size and codec.
+        PayloadError: not a motion of this codec and such an observation, or with numbers that cannot be.
     """
-    layout = {"frame": ("U8", (height, width, 4))}
+    layout = {"frame": (code_of(expected.dtype), expected.shape)}
     tensors, header = decode_tensors(payload, [layout], MotionHeader, "motion")
     check_codec(header, codec)
+    if reason := expected.misfit(tensors["frame"]):
+        raise PayloadError(f"motion of robot {header.agent}: an observation {reason}, expected {expected}")
     return tensors["frame"], header
 
 

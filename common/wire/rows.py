@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model_serializer
 
 
 class RoundRow(BaseModel):
@@ -21,8 +22,10 @@ class RoundRow(BaseModel):
     reward: float | None = None
     """Discounted return of the robot's greedy episode from the entry."""
     cluster_reward: float | None = None
-    """R, which decides whether the task is learned: see agents/neighbourhood.py."""
+    """R, which decides whether the task is learned: see methods/ledger.py."""
     rmse_m: float | None = None
+    measures: dict[str, float] = {}
+    """What else the environment tells of that episode; left out of a row where there is nothing."""
     gradients: int = 0
     """Batch gradients really computed; of the data center support + query."""
     gradients_support: int | None = None
@@ -39,6 +42,19 @@ class RoundRow(BaseModel):
     """Payloads refused so far."""
     seconds: float
 
+    @model_serializer(mode="wrap")
+    def _without_empty_measures(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        if not self.measures:
+            written.pop("measures", None)
+        return written
+
     def sort_key(self) -> tuple[str, str, int, int, int]:
         """Order of the finished file, whatever the order of arrival."""
         return self.arm, {"maml": "0"}.get(self.phase, "1"), self.task, self.agent, self.round
+
+
+def measured(measures: Mapping[str, float]) -> dict[str, Any]:
+    """Measures of an episode as fields of a row: one that is a column of its own stands there."""
+    rest = {name: value for name, value in measures.items() if name != "rmse_m"}
+    return {"rmse_m": measures.get("rmse_m"), "measures": rest}

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.messages import ModelHeader, from_json
 from jouleswarm.common.wire.models import check_weights
 from jouleswarm.common.wire.tensorfile import decode_floats, encode_tensors
@@ -18,17 +19,21 @@ from jouleswarm.common.wire.types import Array, Payload
 
 
 class Input(BaseModel):
-    """From a camera frame, uint8 [any height, any width, channels], to the network's input."""
+    """From what the environment shows to the network's input. Of images: any height and width will do."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    height: int
-    width: int
-    channels: tuple[str, ...]
-    resize: Literal["area"] = Field("area", description="averages over areas, as cv2.INTER_AREA")
+    observation: Observation | None = Field(None, description="as the environment shows it")
+    shape: tuple[int, ...] | None = Field(None, description="of the network's input, without the batch")
+    height: int | None = Field(None, description="of an image")
+    width: int | None = None
+    channels: tuple[str, ...] | None = None
+    resize: Literal["area"] | None = Field(None, description="averages over areas, as cv2.INTER_AREA")
     subtract: float = Field(description="from every value, after resizing; then divide")
     divide: float
-    layout: Literal["NCHW"] = "NCHW"
+    layout: Literal["NCHW", "one-hot", "flat"] = Field(
+        "NCHW", description="NCHW: images, channels first; one-hot: of one number; flat: as it is"
+    )
     dtype: Literal["float32"] = "float32"
 
 
@@ -37,21 +42,25 @@ class Layer(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
-    layer: Literal["conv2d", "relu", "flatten", "linear"]
+    layer: str = Field(description="conv2d, relu, flatten, linear, or the name of another module")
     inputs: int | None = Field(None, alias="in")
     outputs: int | None = Field(None, alias="out")
     kernel: int | None = None
     stride: int | None = None
+    module: str | None = Field(None, description="another module as PyTorch prints it")
 
 
 class Evaluation(BaseModel):
-    """The greedy episode behind the robot's entry in `rewards`: its discounted return, at most 0 without the exit."""
+    """The greedy episode behind the robot's entry in `rewards`: its discounted return, as the environment judges it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     start: Literal["entry"] = "entry"
     discount: float
-    noise: dict[str, Any] = Field(description="state of the environment's random generator before its reset")
+    noise: dict[str, Any] | None = Field(
+        None, description="state of the environment's random generator before its reset"
+    )
+    seed: int | None = Field(None, description="of its reset, in place of the state")
 
 
 class SavedModelHeader(ModelHeader):
@@ -98,7 +107,20 @@ def check_model(payload: Payload) -> SavedModelHeader:
     Raises:
         PayloadError: not a safetensors file with a model's metadata, or values that no receiver would take.
     """
+    return _read(payload)[1]
+
+
+def read_saved_model(payload: Payload) -> dict[str, Array]:
+    """The tensors of a model that was handed in.
+
+    Raises:
+        PayloadError: as `check_model`.
+    """
+    return _read(payload)[0]
+
+
+def _read(payload: Payload) -> tuple[dict[str, Array], SavedModelHeader]:
     tensors, header = decode_floats(payload, SavedModelHeader, "model")
     for name, tensor in tensors.items():
         check_weights(name, tensor)
-    return header
+    return tensors, header

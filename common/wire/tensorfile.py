@@ -28,6 +28,7 @@ _DTYPES: dict[str, np.dtype[Any]] = {
     "U32": np.dtype("<u4"),
     "U16": np.dtype("<u2"),
     "U8": np.dtype("u1"),
+    "BOOL": np.dtype("bool"),
 }
 _CODES = {dtype: code for code, dtype in _DTYPES.items()}
 _MALFORMED = (
@@ -39,6 +40,11 @@ _MALFORMED = (
     struct.error,
     safetensors.SafetensorError,
 )
+
+
+def code_of(dtype: str) -> str:
+    """What safetensors calls a NumPy dtype."""
+    return _CODES[np.dtype(dtype)]
 
 
 class Header(BaseModel):

@@ -10,7 +10,6 @@ import re
 from enum import StrEnum
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import SERVED_METHODS, method_of
 
 ROOT = "jouleswarm"
 
@@ -44,7 +43,7 @@ _LINKS = {
     "ctl": Link.CONTROL,
     "tlm": Link.CONTROL,
 }
-_PHASES = {Link.UPLINK: "maml", Link.DOWNLINK: "maml", Link.SIDELINK: "fl", Link.CONTROL: "control"}
+_STAGE_WORDS = ("experience", "meta")  # last levels of what is moved for a model that robots start from
 
 
 _LONGEST_RUN = 128  # it is the name of a folder too
@@ -66,8 +65,13 @@ def run_name(name: str) -> str:
 
 
 def experience(run: str, arm: str, task: Level, agent: Level) -> str:
-    """Raw observations of one training robot, one message a motion."""
+    """Raw observations of one training robot, one message a motion, before the arm's own rounds."""
     return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/experience"
+
+
+def transition(run: str, arm: str, task: Level, agent: Level) -> str:
+    """Raw observations of a robot whose task the data center learns, one message a motion (centralized)."""
+    return f"{ROOT}/{run}/{arm}/ul/{task}/{agent}/transition"
 
 
 def meta_model(run: str, arm: str, agent: Level | None = None) -> str:
@@ -204,8 +208,11 @@ def task_of(topic: str) -> str:
 
 
 def phase_of(topic: str) -> str:
-    """Learning phase (maml, fl or control) that a metered topic's bytes belong to."""
+    """Learning phase that a metered topic's bytes belong to: maml (a stage before), fl (all other learning) or control.
+
+    Written as in rows, whatever the method.
+    """
     link = link_of(topic)
-    if link is None:
+    if link in (None, Link.CONTROL):
         return "control"
-    return "fl" if link != Link.CONTROL and method_of(arm_of(topic)) in SERVED_METHODS else _PHASES[link]
+    return "maml" if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else "fl"

@@ -1,12 +1,25 @@
-"""Camera frames as the network sees them."""
+"""Observations as the network sees them: images shrunk, everything else as it is."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from jouleswarm.common.scenario.spaces import Observation
+
+
+def shrink(observation: npt.NDArray[Any], kept: Observation) -> npt.NDArray[Any]:
+    """An observation as a replay memory keeps it: an image scaled to `kept.shape` by area averaging.
+
+    Pixels stay channels last. What has the shape already is returned itself.
+    """
+    return observation if observation.shape == kept.shape else resize(observation, kept.shape[1], kept.shape[0])
+
 
 def resize(frame: npt.NDArray[np.uint8], width: int, height: int) -> npt.NDArray[np.uint8]:
-    """A frame, uint8 [H, W, 4], scaled to uint8 [height, width, 4] by area averaging, channels last as in replay."""
-    return np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    """A frame, uint8 [H, W, channels], scaled to uint8 [height, width, channels] by area averaging."""
+    scaled = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(scaled, dtype=np.uint8).reshape(height, width, frame.shape[2])

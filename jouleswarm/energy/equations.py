@@ -10,11 +10,11 @@ which is not what its own equations and constants give (see `jouleswarm/report/a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.sections import Energy, Federation
+from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.bill import Bill as Bill
 from jouleswarm.energy.bill import Cost as Cost
 from jouleswarm.energy.bill import Counts as Counts
@@ -41,6 +41,16 @@ class RoundSizes:
     weights_bytes: float  # b(W)
     first_weights_bytes: float | None = None  # of an arm's first round, where a codec needs a base; None: as all others
     meta_model_bytes: float | None = None  # what goes down after meta-learning; None: b(W)
+    batches_of: Mapping[int, int] = field(default_factory=dict)  # robot -> B_ik, where they may differ
+    experience_of: Mapping[int, float] = field(default_factory=dict)  # robot -> b(E_ik), likewise
+
+    def batches(self, robots: Iterable[int]) -> float:
+        """Sum over robots k of B_ik."""
+        return sum(self.batches_of.get(agent, self.robot_batches) for agent in robots)
+
+    def experience(self, robots: Iterable[int]) -> float:
+        """Sum over robots k of b(E_ik)."""
+        return sum(self.experience_of.get(agent, self.experience_bytes) for agent in robots)
 
     @property
     def base_bytes(self) -> float:
@@ -60,6 +70,8 @@ class ClusterRounds:
     rounds: float
     robots: int = 2
     links: int = 2
+    batches: float | None = None
+    """Of a round, sum over its robots k of B_ik; None: the same B_i for each."""
 
 
 def data_center_gradient_j(energy: Energy) -> float:
@@ -120,7 +132,11 @@ def bill(counts: StageCounts, energy: Energy) -> Bill:
 
 
 def closed_form(
-    t0: float, training_robots: int, clusters: Iterable[ClusterRounds], sizes: RoundSizes = TABLE_I
+    t0: float,
+    training_robots: int,
+    clusters: Iterable[ClusterRounds],
+    sizes: RoundSizes = TABLE_I,
+    experience_bytes: float | None = None,
 ) -> StageCounts:
     """The counts that eqs. (9) and (11) assume, from round numbers alone.
 
@@ -129,34 +145,27 @@ def closed_form(
         training_robots: robots that send experience, summed over the Q training tasks.
         clusters: one a task, trained or not.
         sizes: batches and bytes of a round; default the paper's Table I.
+        experience_bytes: of a round, summed over the training robots; None: the same for each.
     """
     clusters = list(clusters)
     robots = sum(cluster.robots for cluster in clusters)
-    robot_rounds = sum(cluster.rounds * cluster.robots for cluster in clusters)
+    if experience_bytes is None:
+        experience_bytes = training_robots * sizes.experience_bytes
     meta = Counts(
         gradients_support=t0 * training_robots * sizes.support_batches,
         gradients_query=t0 * training_robots * sizes.query_batches,
-        uplink_bytes=t0 * training_robots * sizes.experience_bytes,
+        uplink_bytes=t0 * experience_bytes,
         downlink_bytes=robots * (sizes.meta_model_bytes or sizes.weights_bytes) if t0 > 0 else 0,
     )
     begun = [cluster for cluster in clusters if cluster.rounds and cluster.links]
     tasks = Counts(
-        gradients_robots=robot_rounds * sizes.robot_batches,
+        gradients_robots=sum(
+            c.rounds * (c.robots * sizes.robot_batches if c.batches is None else c.batches) for c in clusters
+        ),
         sidelink_bytes=sum(c.links * (c.rounds * sizes.weights_bytes + sizes.base_bytes) for c in begun),
         sidelink_sent_bytes=sum(c.robots * (c.rounds * sizes.weights_bytes + sizes.base_bytes) for c in begun),
     )
     return StageCounts(meta, tasks)
-
-
-def directed_links(robots: int, federation: Federation) -> int:
-    """Directed neighbour links of a cluster, sum over k of |N_k|."""
-    if robots == 1:
-        return 0
-    if federation.topology == "full":
-        return robots * (robots - 1)
-    if federation.topology == "ring":
-        return robots * min(2, robots - 1)
-    return robots * federation.degree
 
 
 def published_bill(t0: float, fl_rounds: float, energy: Energy) -> PublishedBill | None:

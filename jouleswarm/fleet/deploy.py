@@ -30,6 +30,7 @@ from jouleswarm.fleet.recorder import CLIENT
 from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, watch
 from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
 from jouleswarm.runs.run import other_version, read_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
@@ -141,6 +142,7 @@ def _check(scenario: Scenario, options: Options) -> None:
         _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
+    try_out(scenario)
 
 
 def _check_open_files(clients: int) -> None:

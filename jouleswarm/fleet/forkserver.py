@@ -21,7 +21,7 @@ from jouleswarm.common.process import leave_at_once
 
 PRELOAD = (
     "jouleswarm.agents.__main__",
-    "jouleswarm.agents.agent",
+    "jouleswarm.agents.robot",
     "jouleswarm.datacenter.__main__",
     "jouleswarm.datacenter.center",
     "jouleswarm.common.bus.joining",

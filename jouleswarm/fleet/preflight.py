@@ -11,13 +11,13 @@ import secrets
 import time
 
 from jouleswarm.codecs.codec import codec_of
-from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire import topics
+from jouleswarm.runs.interface import interface_of
 from jouleswarm.runs.sizes import meta_model_shapes, model_shapes, weights_bytes
 
 log = logging.getLogger("jouleswarm.recorder")
@@ -61,21 +61,18 @@ def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:
 
 def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
     """Tensors of the largest message of a run, bytes, and a topic that it goes on. Headers come on top."""
-    camera, network, meta, codec = scenario.camera, scenario.network, scenario.meta, codec_of(scenario)
-    model, meta_model = model_shapes(network), meta_model_shapes(scenario)
-    frame_bytes = experience_bytes(
-        meta.experience_codec, (camera.width, camera.height), (network.width, network.height)
-    )
+    interface, meta, codec = interface_of(scenario), scenario.meta, codec_of(scenario)
+    model, meta_model = model_shapes(interface), meta_model_shapes(interface, scenario)
+    frame_bytes = experience_bytes(meta.experience_codec, interface.spaces.observation, scenario.network)
     task, robots = min(scenario.clusters.items())
     sizes = [(weights_bytes(FLOAT32, model, whole=True), topics.learned(run, scenario.arms[0].name, task))]
     sent = max(weights_bytes(codec, model, whole=whole) for whole in (True, False))
     sizes.append((sent, topics.weights(run, scenario.arms[0].name, task, min(robots))))
-    for method in {arm.method for arm in scenario.arms}:
-        if method in META_METHODS:
-            largest = max(weights_bytes(each, meta_model, whole=True) for each in (FLOAT32, codec))
-            sizes.append((largest, topics.meta_model(run, method)))
-        if method in META_METHODS or method == "centralized":
-            sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
+    for method in scenario.meta_methods:
+        largest = max(weights_bytes(each, meta_model, whole=True) for each in (FLOAT32, codec))
+        sizes.append((largest, topics.meta_model(run, method)))
+    for method in scenario.experience_methods:
+        sizes.append((frame_bytes or 0, topics.experience(run, method, task, min(robots))))
     return max(sizes)
 
 

@@ -26,6 +26,7 @@ from jouleswarm.fleet.learning import check_learning
 from jouleswarm.fleet.preflight import check_largest_message
 from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
 from jouleswarm.fleet.stopping import telling_what_is_kept
+from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory
 from jouleswarm.runs.manifest import manifest
 
@@ -72,6 +73,7 @@ def record_deployment(
     """
     parse_url(broker)  # before anything is written
     credentials = credentials_of(keys, CLIENT)
+    try_out(scenario)
     with ExitStack() as stack:
         directory = stack.enter_context(begun(out, run, "jouleswarm record", console, with_state=False))
         stack.enter_context(telling_what_is_kept(directory.path))

@@ -12,8 +12,8 @@ T = TypeVar("T")
 
 
 def head_of(model: nn.Sequential) -> tuple[str, ...]:
-    """Names of the last layer's parameters."""
-    last = str(len(model) - 1)
+    """Names of the last child's parameters."""
+    last = [name for name, _ in model.named_children()][-1]
     return tuple(name for name, _ in model.named_parameters() if name.split(".")[0] == last)
 
 

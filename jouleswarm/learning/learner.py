@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,24 +17,28 @@ from jouleswarm.common.disk.state import State, generator_state, load_generator
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.sections import Learning as LearningSettings
-from jouleswarm.common.scenario.sections import Network
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
-from jouleswarm.learning.networks import build_qnetwork, load_weights, observations, to_weights
+from jouleswarm.learning.networks import load_weights, to_weights
+from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch, Replay
+
+Penalty = Callable[[Mapping[str, Tensor], Mapping[str, Tensor]], Tensor | float]
+"""Of the parameters, and of those at the round's beginning."""
 
 
 class Policy:
     """A Q-network that is asked for values and given weights."""
 
-    def __init__(self, network: Network, weights: Weights) -> None:
-        self.online = build_qnetwork(network)
+    def __init__(self, network: QNetwork, weights: Weights) -> None:
+        """`network`: taken over."""
+        self.online = network
         load_weights(self.online, weights)
 
-    def q_values(self, frame: npt.NDArray[np.uint8]) -> Tensor:
-        """Q of one resized frame [height, width, 4] -> float32 [actions]."""
+    def q_values(self, frame: npt.NDArray[Any]) -> Tensor:
+        """Q of one observation as it is kept -> float32 [actions]."""
         with torch.inference_mode():
-            values: Tensor = self.online(observations(frame[np.newaxis]))[0]
+            values: Tensor = self.online(self.online.prepare(frame[np.newaxis]))[0]
         return values
 
     def weights(self) -> Weights:
@@ -57,29 +63,32 @@ class Learner(Policy):
 
     def __init__(
         self,
-        network: Network,
+        network: QNetwork,
         settings: LearningSettings,
         weights: Weights,
         rng: np.random.Generator,
         replay_file: Path | None = None,
         tally: Tally | None = None,
+        penalty: Penalty | None = None,
     ) -> None:
         """`replay_file`: where the replay memory keeps its frames, for who wants to go on from a state.
 
-        `tally`: counts each batch gradient as it is computed, also of a round that is not kept.
+        `tally`: counts each batch gradient as it is computed, also of a round that is not kept; `penalty`: added to
+        every loss.
         """
         super().__init__(network, weights)
         self._settings = settings
         self._rng = rng
         self._tally = tally or Tally()
-        self._target = build_qnetwork(network).requires_grad_(False)
-        load_weights(self._target, weights)
+        self._penalty = penalty
+        self._start: dict[str, Tensor] = {}
+        self._target = copy.deepcopy(network).requires_grad_(False)
         self._parameters = list(self.online.parameters())
         self._target_parameters = list(self._target.parameters())
         self._optimizer = _optimizer(settings, self._parameters)
         # A round's motions, each of which may open an episode with a frame more.
         spare = 2 * settings.motions_per_round
-        self.replay = Replay(settings.replay_size, network.height, network.width, replay_file, spare)
+        self.replay = Replay(settings.replay_size, network.takes, replay_file, spare)
         self.steps = 0
 
     def learn(self, batches: int) -> int:
@@ -90,6 +99,8 @@ class Learner(Policy):
         """
         if not len(self.replay):
             return 0
+        if self._penalty is not None:
+            self._start = {name: value.detach().clone() for name, value in self.online.named_parameters()}
         drawn = [self.replay.sample(self._settings.batch_size, self._rng) for _ in range(batches)]
         next_q = self._next_q_in_one_batch(drawn) if self._target_rests(batches) else None
         losses = [self._step(batch, next_q[index] if next_q is not None else None) for index, batch in enumerate(drawn)]
@@ -131,7 +142,7 @@ class Learner(Policy):
     def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
         settings = self._settings
         with torch.no_grad():
-            next_frames = observations(batch.next_frames)
+            next_frames = self.online.prepare(batch.next_frames)
             target_values = self._target(next_frames) if next_q_target is None else next_q_target
             target = td_target(
                 torch.from_numpy(batch.rewards),
@@ -141,7 +152,9 @@ class Learner(Policy):
                 settings.discount,
                 double=settings.double,
             )
-        loss = td_loss(self.online(observations(batch.frames)), torch.from_numpy(batch.actions), target)
+        loss = td_loss(self.online(self.online.prepare(batch.frames)), torch.from_numpy(batch.actions), target)
+        if self._penalty is not None:
+            loss = loss + self._penalty(dict(self.online.named_parameters()), self._start)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)
@@ -160,7 +173,7 @@ class Learner(Policy):
     def _next_q_in_one_batch(self, drawn: list[Batch]) -> Tensor:
         frames = np.concatenate([batch.next_frames for batch in drawn])
         with torch.no_grad():
-            values: Tensor = self._target(observations(frames))
+            values: Tensor = self._target(self._target.prepare(frames))
         return values.reshape(len(drawn), -1, values.shape[1])
 
 

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call, grad
 
 from jouleswarm.learning.dqn import td_loss, td_target
-from jouleswarm.learning.networks import observations
+from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
 Params = dict[str, Tensor]
+S = TypeVar("S")
+"""What one loss is of: a batch, or one of each of a task's robots."""
 
 _TINY = 1e-6  # as torch.nn.utils.clip_grad_norm_
 
@@ -23,28 +26,28 @@ _TINY = 1e-6  # as torch.nn.utils.clip_grad_norm_
 class TensorBatch:
     """A replayed batch on the data center's device."""
 
-    frames: Tensor  # float32 [batch, 4, height, width]
+    frames: Tensor  # float32 [batch, *observation]
     actions: Tensor  # int64 [batch]
     rewards: Tensor  # float32 [batch]
-    next_frames: Tensor  # float32 [batch, 4, height, width]
+    next_frames: Tensor  # float32 [batch, *observation]
     terminated: Tensor  # float32 [batch]
 
 
-def to_tensors(batch: Batch, device: torch.device) -> TensorBatch:
-    """Move a replayed batch to `device`."""
+def to_tensors(batch: Batch, model: QNetwork, device: torch.device) -> TensorBatch:
+    """Move a replayed batch to `device`, as `model` takes it."""
     return TensorBatch(
-        observations(batch.frames, device),
+        model.prepare(batch.frames, device),
         torch.from_numpy(batch.actions).to(device),
         torch.from_numpy(batch.rewards).to(device),
-        observations(batch.next_frames, device),
+        model.prepare(batch.next_frames, device),
         torch.from_numpy(batch.terminated).to(device),
     )
 
 
-Loss = Callable[[Params, TensorBatch], Tensor]
+Loss = Callable[[Params, S], Tensor]
 
 
-def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool) -> Loss:
+def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool) -> Loss[TensorBatch]:
     """L_k(W | batch) of eq. (7) with the task's target network `target`; no gradient flows through targets."""
 
     def loss(params: Params, batch: TensorBatch) -> Tensor:
@@ -58,8 +61,8 @@ def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool
 
 def adapt(
     params: Params,
-    support: Sequence[TensorBatch],
-    loss: Loss,
+    support: Sequence[S],
+    loss: Loss[S],
     inner_lr: float,
     clip: float = math.inf,
     inner: Collection[str] | None = None,
@@ -74,7 +77,7 @@ def adapt(
     for batch in support:
         fixed, moving = params, {name: params[name] for name in (inner or params)}
 
-        def partial_loss(part: Params, batch: TensorBatch = batch, fixed: Params = fixed) -> Tensor:
+        def partial_loss(part: Params, batch: S = batch, fixed: Params = fixed) -> Tensor:
             return loss({**fixed, **part}, batch)
 
         found = grad(partial_loss)(moving) if differentiable else plain_gradient(partial_loss, moving)
@@ -101,16 +104,16 @@ def clipped(gradient: Params, norm: float) -> Params:
     return {name: value * scale for name, value in gradient.items()}
 
 
-def query_loss(params: Params, query: Sequence[TensorBatch], loss: Loss) -> Tensor:
+def query_loss(params: Params, query: Sequence[S], loss: Loss[S]) -> Tensor:
     """Mean loss over the query batches."""
     return torch.stack([loss(params, batch) for batch in query]).mean()
 
 
 def meta_gradient(
     params: Params,
-    support: Sequence[TensorBatch],
-    query: Sequence[TensorBatch],
-    loss: Loss,
+    support: Sequence[S],
+    query: Sequence[S],
+    loss: Loss[S],
     inner_lr: float,
     *,
     exact: bool,
@@ -135,7 +138,7 @@ def meta_gradient(
 
 
 def reptile_gradient(
-    params: Params, batches: Sequence[TensorBatch], loss: Loss, inner_lr: float, clip: float = math.inf
+    params: Params, batches: Sequence[S], loss: Loss[S], inner_lr: float, clip: float = math.inf
 ) -> tuple[Params, Params]:
     """Reptile's direction W - phi (Nichol et al. 2018), phi after one SGD step a batch, and phi."""
     adapted = adapt(params, batches, loss, inner_lr, clip, differentiable=False)

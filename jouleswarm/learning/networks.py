@@ -1,101 +1,152 @@
-"""The DeepMind Q-network (Mnih et al. 2015), sized by the scenario."""
+"""The network door: a Q-network for whatever an environment shows, built by name, its weights drawn here."""
 
 from __future__ import annotations
 
 import math
+import threading
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium import spaces
 from torch import Tensor, nn
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.environments import first_line
+from jouleswarm.common.scenario.fitting import size_misfits
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.scenario.spaces import Interface, Observation, Spaces, shipped_build
 from jouleswarm.common.wire.saved_models import Input, Layer, Use
+from jouleswarm.learning.heads import head_of
+from jouleswarm.learning.qnetwork import QNetwork, deepmind, mlp
 
-CHANNEL_NAMES = ("red", "green", "blue", "depth")
-ACTION_NAMES = ("forward", "backward", "left", "right")
-CHANNELS, ACTIONS = len(CHANNEL_NAMES), len(ACTION_NAMES)
-_CENTRE, _SCALE = 128.0, 64.0
+_drawing = threading.Lock()  # PyTorch has one generator for all threads
+_PLAIN = (nn.Conv1d, nn.Conv2d, nn.Conv3d, nn.Linear)
 
 
-def build_qnetwork(network: Network, seed: int | None = None) -> nn.Sequential:
-    """Q(x, .): observations, float32 [batch, 4, height, width] -> float32 [batch, 4].
+def build_qnetwork(scenario: Scenario, seed: int | None = None) -> QNetwork:
+    """The scenario's Q-network.
 
-    With `seed` the weights are drawn from a generator of its own (He et al. 2015, uniform, as PyTorch's
-    default), untouched by any other random state; at 96 x 72 there are 1,391,268 parameters.
+    With `seed` the weights of dense and convolutional layers are drawn from a generator of its own (He et al. 2015,
+    uniform, as PyTorch's default); other parameters are as the layer begins, whatever PyTorch drew before.
 
     Raises:
-        ConfigurationError: the convolutions do not fit into the input.
+        ConfigurationError: there is none of that name, it does not fit what it is given or the actions, or holds what
+            would not be sent.
     """
-    layers: list[nn.Module] = []
-    channels, height, width = CHANNELS, network.height, network.width
-    for out, kernel, stride in network.conv:
-        layers += [nn.Conv2d(channels, out, kernel, stride), nn.ReLU()]
-        channels, height, width = out, (height - kernel) // stride + 1, (width - kernel) // stride + 1
-        if height < 1 or width < 1:
-            raise ConfigurationError(
-                f"network.conv: kernel {kernel} stride {stride} leaves nothing of "
-                f"{network.width} x {network.height}; use a larger input or smaller kernels"
-            )
-    layers.append(nn.Flatten())
-    features = channels * height * width
-    for size in network.dense:
-        layers += [nn.Linear(features, size), nn.ReLU()]
-        features = size
-    layers.append(nn.Linear(features, ACTIONS))
-    model = nn.Sequential(*layers)
+    told = scenario.spaces
+    takes, actions = told.observation.kept(scenario.network), len(told.actions)
+    name = scenario.network.build or shipped_build(takes)
+    build, what = scenario.open("networks", name), f"network {name!r}"
+    model = _built(build, what, takes, actions, scenario.network, seed or 0)
+    model.takes = takes
+    if build not in (mlp, deepmind):
+        _check(model, what, actions)
+    elif scenario.network.kwargs:
+        raise ConfigurationError(f"network.kwargs {sorted(scenario.network.kwargs)}: {name} takes none")
+    if misfit := next(size_misfits(scenario, told, _interface(model, told)), None):
+        raise ConfigurationError(f"scenario {scenario.name}: {misfit}")
     if seed is not None:
-        _initialise(model, torch.Generator().manual_seed(seed))
+        _draw(model, torch.Generator().manual_seed(seed))
     for parameter in model.parameters():
-        if parameter.dim() == 4:  # observations come channels last, and convolve faster so
+        if parameter.dim() == 4:  # images come channels last, and convolve faster so
             parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
     return model
 
 
-def _initialise(model: nn.Sequential, generator: torch.Generator) -> None:
-    for layer in model:
-        if isinstance(layer, nn.Conv2d | nn.Linear):
+def _built(build: Any, what: str, takes: Observation, actions: int, settings: Network, seed: int) -> QNetwork:
+    low, high = (0.0, 255.0) if takes.is_image else (0.0, 1.0) if takes.values is not None else (-np.inf, np.inf)
+    try:
+        with _drawing, torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = build(spaces.Box(low, high, takes.fed, np.float32), actions, settings)
+    except ConfigurationError:
+        raise
+    except Exception as error:  # whatever a builder of the user's does
+        raise ConfigurationError(f"{what}: {type(error).__name__}: {first_line(error)}") from error
+    if not isinstance(model, QNetwork):
+        raise ConfigurationError(f"{what}: gave a {type(model).__name__}, expected a jouleswarm.QNetwork")
+    return model
+
+
+def _draw(model: QNetwork, generator: torch.Generator) -> None:
+    for layer in model.modules():
+        if isinstance(layer, _PLAIN):
             bound = 1 / math.sqrt(layer.weight[0].numel())
             for parameter in layer.parameters():
                 with torch.no_grad():
                     parameter.uniform_(-bound, bound, generator=generator)
 
 
-def observations(frames: npt.NDArray[np.uint8], device: torch.device | str = "cpu") -> Tensor:
-    """Replayed frames, uint8 [batch, height, width, 4] -> float32 [batch, 4, height, width], -2 to 2.
+def _check(model: QNetwork, what: str, actions: int) -> None:
+    """Feed a network that somebody brought, twice."""
+    batch = np.zeros((2, *model.takes.shape), model.takes.dtype)
+    try:
+        with torch.no_grad():
+            values, again = (model(model.prepare(batch)) for _ in range(2))
+    except Exception as error:  # whatever its layers do
+        shape = list(model.takes.fed)
+        raise ConfigurationError(
+            f"{what}: does not take observations of shape {shape}: {type(error).__name__}: {first_line(error)}"
+        ) from error
+    if not isinstance(values, Tensor) or values.shape != (2, actions) or values.dtype != torch.float32:
+        got = f"{values.dtype} {list(values.shape)}" if isinstance(values, Tensor) else type(values).__name__
+        raise ConfigurationError(
+            f"{what}: gives {got} for 2 observations, expected torch.float32 {[2, actions]}: a value for each action"
+        )
+    if not torch.equal(values, again):
+        raise ConfigurationError(f"{what}: gives other values each time (Dropout?); expected the same")
+    if not head_of(model):
+        raise ConfigurationError(f"{what}: its last child has no parameters; expected the layer that gives the values")
+    if unsent := [name for name, _ in model.named_buffers()]:
+        raise ConfigurationError(
+            f"{what}: {', '.join(unsent)} would not be sent with its parameters; use LayerNorm or GroupNorm"
+        )
+    if odd := [name for name, parameter in model.named_parameters() if parameter.dtype != torch.float32]:
+        raise ConfigurationError(f"{what}: {', '.join(odd)} not in float32")
 
-    Centred: with 0..1 all frames share a large common part, so that a step for one landmark moves the values
-    of all the others, and learning takes about twice as many rounds.
-    """
-    return torch.from_numpy(frames).to(device).permute(0, 3, 1, 2).to(torch.float32).sub_(_CENTRE).div_(_SCALE)
+
+def interface_of(scenario: Scenario) -> Interface:
+    """All sizes, from the network itself."""
+    return _interface(build_qnetwork(scenario), scenario.spaces)
 
 
-def use_of(network: Network) -> Use:
-    """What a file of such a network's weights says of how it is used: all that `observations` and the layers do."""
+def _interface(model: QNetwork, told: Spaces) -> Interface:
+    return Interface(spaces=told, tensors=tuple(shapes_of(model).items()), head=len(head_of(model)))
+
+
+def use_of(scenario: Scenario) -> Use:
+    """What a file of such a network's weights says of how it is used: all that is done to an observation."""
+    model, told = build_qnetwork(scenario), scenario.spaces
+    takes, is_image = model.takes, model.takes.is_image
     return Use(
         input=Input(
-            height=network.height, width=network.width, channels=CHANNEL_NAMES, subtract=_CENTRE, divide=_SCALE
+            observation=told.observation,
+            shape=takes.fed,
+            height=takes.shape[0] if is_image else None,
+            width=takes.shape[1] if is_image else None,
+            channels=told.channels if is_image else None,
+            resize="area" if is_image else None,
+            subtract=model.shift,
+            divide=model.divisor,
+            layout="NCHW" if is_image else "one-hot" if takes.values is not None else "flat",
         ),
-        network=tuple(_described(layer) for layer in build_qnetwork(network)),
-        actions=ACTION_NAMES,
+        network=tuple(_described(layer) for layer in model),
+        actions=told.actions,
     )
 
 
 def _described(layer: nn.Module) -> Layer:
-    match layer:
-        case nn.Conv2d():
-            kernel, stride = layer.kernel_size[0], layer.stride[0]
-            return Layer(
-                layer="conv2d", inputs=layer.in_channels, outputs=layer.out_channels, kernel=kernel, stride=stride
-            )
-        case nn.Linear():
-            return Layer(layer="linear", inputs=layer.in_features, outputs=layer.out_features)
-        case nn.Flatten():
-            return Layer(layer="flatten")
-        case nn.ReLU():
-            return Layer(layer="relu")
-    raise TypeError(f"no description of {layer}")  # whoever adds a layer describes it
+    name, said = type(layer).__name__.lower(), str(layer)
+    if isinstance(layer, nn.Conv2d):
+        inputs, outputs, kernel, stride = layer.in_channels, layer.out_channels, layer.kernel_size[0], layer.stride[0]
+        if said == str(nn.Conv2d(inputs, outputs, kernel, stride)):
+            return Layer(layer=name, inputs=inputs, outputs=outputs, kernel=kernel, stride=stride)
+    if isinstance(layer, nn.Linear) and said == str(nn.Linear(layer.in_features, layer.out_features)):
+        return Layer(layer=name, inputs=layer.in_features, outputs=layer.out_features)
+    return Layer(layer=name, module=None if said in (str(nn.Flatten()), str(nn.ReLU())) else said)
 
 
 def to_weights(model: nn.Module) -> dict[str, npt.NDArray[np.float32]]:

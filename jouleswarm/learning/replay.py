@@ -1,10 +1,10 @@
-"""Replay memory: frames once, as resized uint8; a transition is a frame and the one after it."""
+"""Replay memory: each observation once, as it is kept; a transition is a frame and the one after it."""
 
 from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from jouleswarm.common.disk.seals import Seal
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.disk.trouble import allocate
 from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.scenario.spaces import Observation
 
 _KEPT = ("actions", "rewards", "terminated", "complete")
 
@@ -20,10 +21,10 @@ _KEPT = ("actions", "rewards", "terminated", "complete")
 class Batch(NamedTuple):
     """Transitions (x, y, r, x', terminated)."""
 
-    frames: npt.NDArray[np.uint8]  # [batch, height, width, 4]
+    frames: npt.NDArray[Any]  # [batch, *shape], of whatever dtype is kept
     actions: npt.NDArray[np.int64]  # [batch]
     rewards: npt.NDArray[np.float32]  # [batch]
-    next_frames: npt.NDArray[np.uint8]  # [batch, height, width, 4]; meaningless where terminated
+    next_frames: npt.NDArray[Any]  # as frames; meaningless where terminated
     terminated: npt.NDArray[np.float32]  # [batch], 0 or 1
 
 
@@ -37,10 +38,16 @@ class Replay:
     they were. The state holds a checksum of each (see `common.disk.seals`), and is refused where one does not fit.
     """
 
-    def __init__(self, size: int, height: int, width: int, file: Path | None = None, spare: int = 0) -> None:
-        """`file`: where the frames are kept; `spare`: frames that may be observed from one state to the next."""
+    def __init__(self, size: int, keeps: Observation, file: Path | None = None, spare: int = 0) -> None:
+        """
+        Args:
+            size: frames that are remembered.
+            keeps: shape and dtype of a frame.
+            file: where the frames are kept.
+            spare: frames that may be observed from one state to the next.
+        """
         self._file, self._size = file, size
-        self._frames = _frames(file, (size + (spare if file else 0), height, width, 4))
+        self._frames = _frames(file, (size + (spare if file else 0), *keeps.shape), np.dtype(keeps.dtype))
         self._checksums = np.zeros(len(self._frames), np.uint32)
         self._actions = np.zeros(size, np.int64)
         self._rewards = np.zeros(size, np.float32)
@@ -53,8 +60,8 @@ class Replay:
         """Number of whole transitions."""
         return int(self._complete.sum())
 
-    def observe(self, frame: npt.NDArray[np.uint8], *, first: bool) -> None:
-        """A resized frame [height, width, 4]; `first` where it opens an episode."""
+    def observe(self, frame: npt.NDArray[Any], *, first: bool) -> None:
+        """An observation as it is kept; `first` where it opens an episode."""
         slot, last = self._written % self._size, (self._written - 1) % self._size
         if self._written and not first:
             self._complete[last] = True
@@ -130,8 +137,8 @@ class Replay:
         return {self._file.name: Seal(frame_bytes, self._checksums[places], first, len(self._frames))}
 
 
-def _frames(file: Path | None, shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+def _frames(file: Path | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
     if file is None:
-        return np.zeros(shape, np.uint8)
-    allocate(file, int(np.prod(shape)))
-    return np.memmap(file, np.uint8, "r+", shape=shape)
+        return np.zeros(shape, dtype)
+    allocate(file, int(np.prod(shape)) * dtype.itemsize)
+    return np.memmap(file, dtype, "r+", shape=shape)

@@ -1,49 +1,37 @@
-"""Consensus over the sidelinks, eq. (6), as pure functions."""
+"""Learning by robots alone: with their neighbours over the sidelinks, eq. (6), and each by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from jouleswarm.common.wire.types import Weights
+from jouleswarm.methods.method import Method, Update
+from jouleswarm.methods.mixing import mix, mixing_weights
 
 
-def mixing_weights(samples: Mapping[int, int]) -> dict[int, float]:
-    """sigma_kh = |E_h| / sum over neighbours j of |E_j|, for each neighbour h; they sum to 1."""
-    total = sum(samples.values())
-    return {agent: count / total for agent, count in samples.items()}
+class Consensus(Method):
+    """Decentralized federated averaging; with a lossy codec each robot keeps its own precision."""
+
+    def mix_lossy(self, own: Weights, told: Weights, theirs: Mapping[int, Update], step: float) -> Weights:
+        """Eq. (6) with what all hold of each other: differences are mixed, so that W_k loses nothing by rounding."""
+        others = {agent: update.weights for agent, update in theirs.items()}
+        sigma = mixing_weights({agent: update.samples for agent, update in theirs.items()})
+        return mix(own, others, sigma, step, told)
 
 
-def default_step(neighbours: int, share: float = 1.0) -> float:
-    """1/(N+1): with one neighbour the two meet half way, where the literal step 1 would swap them.
+class Federated(Consensus):
+    """Decentralized federated learning over sidelinks, eq. (6), no transfer."""
 
-    `share`: of the entries that a message brings. An entry is mixed 1/share times before it is heard of again;
-    at the full step the robots would go past each other by ever more.
-    """
-    return share / (neighbours + 1)
+    name, label, colour = "fl", "FL, no transfer", "#0072B2"
+    in_paper = True
 
 
-def mix(
-    own: Weights,
-    others: Mapping[int, Weights],
-    sigma: Mapping[int, float],
-    step: float,
-    public: Weights | None = None,
-) -> Weights:
-    """W_k + step * sum_h sigma_kh (W_h - W_k), all neighbours at once; float32, nothing changed in place.
+class Isolated(Method):
+    """Each robot by itself, nothing exchanged."""
 
-    With a lossy codec neighbours hold `public` of this robot, and it theirs (Koloskova et al. 2019): then
-    W_k + step * sum_h sigma_kh (public_h - public_k), which leaves W_k its own precision.
-    Neighbours are added in the order of their ids, so that the sum is the same whoever came first.
-    """
-    known = own if public is None else public
-    return {
-        name: tensor
-        + np.float32(step)
-        * sum(
-            (np.float32(sigma[agent]) * (others[agent][name] - known[name]) for agent in sorted(others)),
-            start=np.zeros_like(tensor),
-        )
-        for name, tensor in own.items()
-    }
+    name, label, colour = "isolated", "isolated robots", "#703010"
+    partners = "nobody"
+
+
+BASELINE = Federated.name
+"""The arm that transfer is held against: the same after the stage, and no stage."""

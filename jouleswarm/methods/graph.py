@@ -3,13 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import networkx as nx
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Federation
+from jouleswarm.common.seeding import integer
 
 _ATTEMPTS = 100
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Who robot `agent` exchanges weights with."""
+
+    agent: int
+    task: int
+    cluster: tuple[int, ...]
+    neighbours: tuple[int, ...]
+    diameter: int
+    """Hops between the two robots furthest apart: how many rounds a reward needs to be known by all."""
+
+
+def neighbourhood_of(scenario: Scenario, agent: int, partners: str = "neighbours") -> Neighbourhood:
+    """Robot `agent`'s neighbourhood; the same graph is drawn by every robot of the cluster.
+
+    A robot that meets nobody is a cluster of its own; robots that meet the data center have no sidelinks, and it tells
+    each what all others know.
+    """
+    task = scenario.task_of(agent)
+    cluster = scenario.cluster(task)
+    if partners == "nobody":
+        return Neighbourhood(agent, task, (agent,), (), 1)
+    if partners == "datacenter":
+        return Neighbourhood(agent, task, cluster, (), 1)
+    graph = task_graph(scenario, task)
+    diameter = max(1, nx.diameter(graph))
+    return Neighbourhood(agent, task, cluster, tuple(sorted(graph.neighbors(agent))), diameter)
+
+
+def directed_links(scenario: Scenario, task: int) -> int:
+    """Directed neighbour links of a task's cluster, sum over k of |N_k|."""
+    return 2 * task_graph(scenario, task).number_of_edges()
+
+
+def task_graph(scenario: Scenario, task: int) -> nx.Graph[int]:
+    """The undirected graph of a task's sidelinks."""
+    if scenario.edges is not None:
+        graph: nx.Graph[int] = nx.Graph(scenario.edges[task])
+        graph.add_nodes_from(scenario.cluster(task))
+        return graph
+    return cluster_graph(scenario.cluster(task), scenario.federation, integer(scenario.seed, "topology", task))
 
 
 def cluster_graph(agents: Sequence[int], federation: Federation, seed: int) -> nx.Graph[int]:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm, snapshot_of
+from jouleswarm.common.scenario.arms import Arm, snapshot_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.carbon import has_carbon
 from jouleswarm.energy.equations import downlink_bit_per_j
-from jouleswarm.report.arms import METHOD_LABELS, label, labels
+from jouleswarm.methods.consensus import BASELINE
+from jouleswarm.methods.method import Method
+from jouleswarm.report.arms import label, labels, method_label
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.directory import computed_on
-from jouleswarm.runs.paper import CLUSTER_ROBOTS, PAPER_METHODS, TRAINING_ROBOTS, published_here
+from jouleswarm.runs.paper import CLUSTER_ROBOTS, TRAINING_ROBOTS, published_here
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import metered_by
-
-BASELINE = "fl"
-"""The arm that transfer is held against."""
 
 
 def headline(run: Run, energy: Energy) -> str:
@@ -54,7 +53,7 @@ def verdicts(run: Run, energy: Energy) -> list[str]:
     held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
     if run.status != "complete" or run.misfits or not held.get(BASELINE):
         return []
-    learned = [arm for arm in run.scenario.arms if arm.method in META_METHODS and held[arm.name]]
+    learned = [arm for arm in run.scenario.arms if arm.t0 and held[arm.name]]
     return [line for arm in learned if (line := _verdict(run, arm, energy))]
 
 
@@ -68,7 +67,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
         "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
         "MQTT's own bytes.",
     ]
-    if any(arm.method in PAPER_METHODS for arm in run.scenario.arms):
+    if any(method.in_paper for method in _methods(run)):
         lines.append(_note_of_the_published_prices(run.scenario, energy))
     if energy.dl_bit_per_j is None:
         lines.append("E_DL is not given by the paper and taken as E_UL.")
@@ -90,7 +89,12 @@ def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
             ratio = theirs_j / ours_j
             found["pays" if ratio > 1 else "does not pay"].append(f"{ratio:.2f}x ({ours.label})")
     told = [f"{verdict} {', '.join(ratios)}" for verdict, ratios in found.items() if ratios]
-    return f"{label(arm)} against {METHOD_LABELS[BASELINE]}: {'; '.join(told)}" if told else ""
+    held = f"{label(run.scenario, arm)} against {method_label(run.scenario, BASELINE)}"
+    return f"{held}: {'; '.join(told)}" if told else ""
+
+
+def _methods(run: Run) -> list[Method]:
+    return [run.scenario.method(name) for name in run.scenario.method_names]
 
 
 def _note_of_the_published_prices(scenario: Scenario, energy: Energy) -> str:
@@ -107,15 +111,15 @@ def _note_of_the_published_prices(scenario: Scenario, energy: Energy) -> str:
 
 def _notes_of_the_arms(run: Run) -> list[str]:
     lines = []
-    methods = {arm.method for arm in run.scenario.arms}
+    partners = {method.partners for method in _methods(run)}
     if any(snapshot_of(arm.name) is not None for arm in run.scenario.arms):
         lines.append(
             "Arms of one method share its meta-learning: its uplink was metered once, under the method's own arm, and "
             "each arm's bill has the part that carried the rounds up to its t0."
         )
-    if methods & set(SERVED_METHODS):
+    if "datacenter" in partners:
         lines.append("FedAvg and centralized learning have no E_ML: what the data center does is in their tasks' E_FL.")
-    if "isolated" in methods:
+    if "nobody" in partners:
         lines.append("Isolated robots stop one by one: t_i is the last one's, R and path error are their means.")
     return lines
 

@@ -16,7 +16,7 @@ from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.equations import downlink_bit_per_j, transfer_j
-from jouleswarm.report.arms import METHOD_LABELS, label
+from jouleswarm.report.arms import label, method_label
 
 _LINE_EVERY_S = 10.0
 _WAITS_SHOWN = 3
@@ -71,7 +71,7 @@ class View:
         """One line for logs."""
         parts = [f"{self._recorder.elapsed_s:5.0f} s"]
         for method in self._scenario.meta_methods:
-            parts.append(f"{METHOD_LABELS[method]} {self._meta_round(method)}/{self._scenario.meta.t0}")
+            parts.append(f"{method_label(self._scenario, method)} {self._meta_round(method)}/{self._scenario.meta.t0}")
         for arm in self._scenario.arm_names:
             rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
             told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
@@ -98,7 +98,7 @@ class View:
         for method in self._scenario.meta_methods:
             done = self._meta_round(method)
             bar = ProgressBar(total=t0, completed=done, width=30)
-            table.add_row(f"data center: {METHOD_LABELS[method]}", "all", f"{done}/{t0}", "", bar)
+            table.add_row(f"data center: {method_label(self._scenario, method)}", "all", f"{done}/{t0}", "", bar)
         for arm in self._scenario.arms:
             if self._is_over(arm.name):
                 self._add_result(table, arm)
@@ -117,7 +117,7 @@ class View:
             if row.learned is not None:
                 state = Text("learned", "green") if row.learned else Text("not learned", "red")
             shown = "" if reward is None else f"{reward:.1f}"
-            table.add_row(label(arm), str(task), str(row.round), shown, state)
+            table.add_row(label(self._scenario, arm), str(task), str(row.round), shown, state)
 
     def _add_result(self, table: Table, arm: Arm) -> None:
         """One row for all tasks of an arm that is over, so that many arms fit a screen."""
@@ -125,7 +125,7 @@ class View:
         rounds = sum(max(row.round for row in rows) for rows in ends)
         learned = sum(all(row.learned for row in rows) for rows in ends)
         text = Text(f"{learned} of {len(ends)} learned", "green" if learned == len(ends) else "red")
-        table.add_row(label(arm), "all", f"sum {rounds}", "", text)
+        table.add_row(label(self._scenario, arm), "all", f"sum {rounds}", "", text)
 
     def _links(self) -> Table:
         energy = self._scenario.energy

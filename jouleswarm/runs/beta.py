@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from statistics import fmean
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import EXACT_METHODS, method_of
+from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.methods.shipped import shipped
 
 
 def with_beta(energy: Energy, rows: Iterable[RoundRow], arm: str) -> Energy:
@@ -23,7 +24,8 @@ def with_beta(energy: Energy, rows: Iterable[RoundRow], arm: str) -> Energy:
         return energy
     method = method_of(arm)
     mine = [row for row in rows if (row.arm, row.phase, row.agent) == (method, "maml", 0)]
-    if method not in EXACT_METHODS or not mine:
+    kind = shipped(method)  # of a user's: where it has gradients on B^(b), they may be exact
+    if not (any(row.gradients_query for row in mine) if kind is None else kind.exact and mine):
         return energy.model_copy(update={"beta": 1.0})
     found = [row.beta for row in mine if row.beta is not None]
     if not found:

@@ -52,7 +52,8 @@ def columns(run: Run, arm: str, energy: Energy) -> list[Column]:
 def closed_bill(run: Run, arm: str, energy: Energy, sizes: RoundSizes | None = None) -> Bill:
     """An arm's bill from its round numbers alone."""
     method = method_of(arm)
-    rounds = run.mean_rounds(arm) if method == "isolated" else run.rounds(arm)
+    alone = run.scenario.method(method).partners == "nobody"
+    rounds = run.mean_rounds(arm) if alone else run.rounds(arm)
     found = expected_counts(run.scenario, method, run.t0[arm], rounds, sizes or scenario_sizes(run.scenario))
     return bill(found, with_beta(energy, run.rows, arm))
 

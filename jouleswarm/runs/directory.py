@@ -6,7 +6,7 @@
 ``work.jsonl``      gradients and motions that each process has done, kept or not
 ``progress.jsonl``  payload bytes received so far by link class, over time
 ``summary.json``    rounds, rewards, joules and bytes of each arm
-``doors/``          the user's own environments, methods, ... as they were
+``doors/``          the user's own files, methods, edge lists, ... as they were
 ``weights/``        learned weights and meta-models as safetensors
 """
 
@@ -24,10 +24,10 @@ from jouleswarm.common.disk.rowfile import RowFile
 from jouleswarm.common.disk.seals import Seal
 from jouleswarm.common.disk.state import State, StateFile, write_whole
 from jouleswarm.common.disk.trouble import disk_error
+from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.reading import DOORS
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import Payload
 
@@ -90,9 +90,9 @@ class RunDirectory:
             (self.path / name).unlink(missing_ok=True)
 
     def doors(self, files: Mapping[str, Path]) -> None:
-        """Keep the user's files that came in by doors, by module: going on and reporting need nothing else."""
-        for module, path in files.items():
-            kept = self.path / DOORS / f"{module}.py"
+        """Keep the user's files that a scenario names, by their names: going on and reporting need nothing else."""
+        for name, path in files.items():
+            kept = self.path / DOORS / name
             if not kept.exists():
                 kept.parent.mkdir(exist_ok=True)
                 write_whole(kept, path.read_bytes())

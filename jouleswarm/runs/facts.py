@@ -13,7 +13,7 @@ from statistics import fmean
 
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.arms import META_METHODS, method_of, snapshot_of
+from jouleswarm.common.scenario.arms import method_of, snapshot_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
@@ -64,11 +64,9 @@ def meta_counts(
     meta-learning.
     """
     method = method_of(arm)
-    if method not in META_METHODS:
-        return Counts()
     stage = [row for row in rows if row.arm == method and row.phase == "maml"]
     part, whole = _uplink_share([row for row in stage if row.agent == 0], snapshot_of(arm))
-    uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK), measure)
+    uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK, phase="maml"), measure)
     behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
     wasted = lost_counts((row for row in lost if (row.phase, row.arm) == ("maml", method)), part / whole)
     return (
@@ -76,7 +74,7 @@ def meta_counts(
         + wasted
         + Counts(
             uplink_bytes=uplink_bytes * part / whole,
-            downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK), measure),
+            downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK, phase="maml"), measure),
         )
     )
 
@@ -95,15 +93,15 @@ def task_counts(
     In the methods in which the data center serves every round, that is its gradients, uplink and downlink as well.
     """
     mine = [row for row in rows if row.arm == arm and row.phase == "fl" and task in (None, row.task)]
-    served = () if method_of(arm) in META_METHODS else (Link.UPLINK, Link.DOWNLINK)
-    moved = {link: getattr(traffic(meter_rows, arm, link, task), measure) for link in (Link.SIDELINK, *served)}
+    links = (Link.UPLINK, Link.DOWNLINK, Link.SIDELINK)
+    moved = {link: getattr(traffic(meter_rows, arm, link, task, phase="fl"), measure) for link in links}
     wasted = lost_counts(row for row in lost if (row.phase, row.arm) == ("fl", arm) and task in (None, row.task))
     return (
         _gradients(mine)
         + wasted
         + Counts(
-            uplink_bytes=moved.get(Link.UPLINK, 0),
-            downlink_bytes=moved.get(Link.DOWNLINK, 0),
+            uplink_bytes=moved[Link.UPLINK],
+            downlink_bytes=moved[Link.DOWNLINK],
             sidelink_bytes=moved[Link.SIDELINK],
             sidelink_sent_bytes=sent_bytes(meter_rows, arm, task, measure),
         )
@@ -113,8 +111,6 @@ def task_counts(
 def meta_rounds(rows: Iterable[RoundRow], arm: str) -> int:
     """t0: rounds of meta-learning done behind an arm's model; 0 for methods without."""
     method, snapshot = method_of(arm), snapshot_of(arm)
-    if method not in META_METHODS:
-        return 0
     done = max((row.round for row in rows if (row.arm, row.agent, row.phase) == (method, 0, "maml")), default=0)
     return done if snapshot is None else min(done, snapshot)
 
@@ -124,8 +120,9 @@ def task_results(
 ) -> list[TaskResult]:
     """How each task (default: all of the scenario) went in an arm; rounds are numbered from 1."""
     mine = [row for row in rows if row.arm == arm and row.phase == "fl" and row.agent != 0]
+    alone = scenario.method(method_of(arm)).partners == "nobody"
     return [
-        _result(scenario, task, [row for row in mine if row.task == task], alone=method_of(arm) == "isolated")
+        _result(scenario, task, [row for row in mine if row.task == task], alone=alone)
         for task in (tasks if tasks is not None else scenario.clusters)
     ]
 

@@ -23,7 +23,7 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
     for row in rows:
         counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0])
         query = row.gradients_query or 0
-        motions = scenario.learning.motions_per_round if row.agent else 0
+        motions = scenario.motions(row.agent) if row.agent else 0
         for index, count in enumerate((row.gradients - query, query, motions)):
             counts[index] += count
     found = []

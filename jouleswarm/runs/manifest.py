@@ -10,6 +10,7 @@ from typing import Any
 from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.host import machine
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.runs.interface import interface_of
 from jouleswarm.runs.summary import SCHEMA
 
 _PACKAGES = ("amqtt", "gymnasium", "numpy", "opencv-python-headless", "paho-mqtt", "safetensors", "torch")
@@ -22,6 +23,7 @@ def manifest(scenario: Scenario, run: str, url: str, *, embedded: bool) -> dict[
         "run": run,
         "scenario": scenario.model_dump(mode="json"),
         "doors": scenario.digests,
+        "interface": interface_of(scenario).model_dump(mode="json"),
         "seed": scenario.seed,
         "versions": {
             "python": platform.python_version(),

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.equations import TABLE_I, PublishedBill, published_bill
+from jouleswarm.methods.shipped import shipped
 from jouleswarm.runs.sizes import scenario_sizes
 
 # Table II: MAML rounds t0 -> FL rounds t_1 .. t_6, means of 15 Monte Carlo runs. 0 is "no MAML".
@@ -47,10 +47,6 @@ BEST_SIDELINK = PrintedTotal(200e3, 500e3, 42, None, 56e3)  # section IV-C, Fig.
 BEST_UPLINK = PrintedTotal(500e3, 200e3, 132, None, 52e3)  # section IV-C, Fig. 4a, red
 
 
-PAPER_METHODS = ("fl", "maml", "fomaml")
-"""Methods whose energy the paper prints: it does not say whether its gradients through gradients are exact."""
-
-
 def is_papers_deployment(scenario: Scenario) -> bool:
     """Whether a round computes and moves for as many robots as the paper's: 3 that train, and clusters of 2."""
     training = sum(len(agents) for agents in scenario.training_agents.values())
@@ -74,9 +70,10 @@ def is_papers_scenario(scenario: Scenario, energy: Energy) -> bool:
 
 def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float) -> PrintedTotal | None:
     """The printed total nearest to an arm: of its method and efficiencies, of its t0 if there is one for it."""
-    if method not in PAPER_METHODS:
+    kind = shipped(method)
+    if kind is None or not kind.in_paper:
         return None
-    totals = (NO_MAML,) if method == "fl" else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
+    totals = (NO_MAML,) if kind.stage is None else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
     fitting = [each for each in totals if (each.ul_bit_per_j, each.sl_bit_per_j) == (ul_bit_per_j, sl_bit_per_j)]
     return next((each for each in fitting if each.t0 == t0), fitting[0] if fitting else None)
 
@@ -94,4 +91,5 @@ def published_of(method: str, t0: float, fl_rounds: float, energy: Energy) -> Pu
     Its totals a round hold for every method whose rounds move and compute what the paper's do: decentralized learning,
     with or without a meta-model before it, whichever way that is trained.
     """
-    return published_bill(t0, fl_rounds, energy) if method in ("fl", *META_METHODS) else None
+    kind = shipped(method)
+    return published_bill(t0, fl_rounds, energy) if kind is not None and kind.partners == "neighbours" else None

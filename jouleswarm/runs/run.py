@@ -11,11 +11,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.documents import parse_json
-from jouleswarm.common.scenario.reading import DOORS, scenario_from
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
@@ -207,7 +208,7 @@ def _other_schema(schema: object) -> str:
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
-        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS)
+        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, manifest.get("interface"))
     except ConfigurationError as error:
         raise RunError(f"{file}: damaged: {error}") from error
     if scenario.digests != manifest.get("doors", {}):

@@ -38,10 +38,12 @@ def metered_by(meter_rows: Iterable[MeterRow]) -> Side | None:
     return "client" if sides else None
 
 
-def deliveries(meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int | None = None) -> list[MeterRow]:
+def deliveries(
+    meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int | None = None, phase: str | None = None
+) -> list[MeterRow]:
     """What arrived over one link class at those whom it is for; an onlooker's copies are nobody's energy.
 
-    `task` keeps what one task's cluster learned by: its experience, weights and models.
+    `task` keeps what one task's cluster learned by: its experience, weights and models; `phase` what was moved in it.
     """
     side = metered_by(meter_rows)
     if side is None:
@@ -50,12 +52,15 @@ def deliveries(meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int |
         row
         for row in received(meter_rows, side)
         if row.arm == arm and row.link == link and _is_for(link, row.client) and _is_of(row, task)
+        if phase in (None, row.phase)
     ]
 
 
-def traffic(meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int | None = None) -> Traffic:
+def traffic(
+    meter_rows: Sequence[MeterRow], arm: str, link: Link, task: int | None = None, *, phase: str | None = None
+) -> Traffic:
     """Totals of `deliveries`."""
-    rows = deliveries(meter_rows, arm, link, task)
+    rows = deliveries(meter_rows, arm, link, task, phase)
     return Traffic(
         sum(row.messages for row in rows),
         sum(row.payload_bytes for row in rows),

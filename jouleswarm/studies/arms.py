@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal
 
-from jouleswarm.common.scenario.arms import META_METHODS
+from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import runs_of, task_stages
 
 Measure = Literal["rounds", "rounds_first", "rounds_w3"]
 MEASURES: tuple[Measure, ...] = ("rounds", "rounds_first", "rounds_w3")
-PLAIN = "fl"
+PLAIN = BASELINE
 """The arm without transfer."""
 
 
 def arms_by_t0(facts: Iterable[Fact]) -> dict[int, str]:
     """t0 -> arm, 0 for learning without transfer, the smallest first. Other methods are left out."""
-    found = {fact.t0: fact.arm for fact in facts if fact.method in META_METHODS or fact.arm == PLAIN}
+    found = {fact.t0: fact.arm for fact in facts if fact.t0 or fact.arm == PLAIN}
     return dict(sorted(found.items()))
 
 

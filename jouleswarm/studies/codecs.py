@@ -7,15 +7,14 @@ from functools import partial
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.equations import BITS_PER_BYTE
-from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS
+from jouleswarm.report.arms import method_colour
 from jouleswarm.studies.arms import over_runs
-from jouleswarm.studies.comparison_figures import bars, measured_variants
+from jouleswarm.studies.comparison_figures import bars, measured_variants, method_patches
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.kinds import Kind, Outputs
 from jouleswarm.studies.prices import causes, runs_of, task_stages
@@ -56,7 +55,7 @@ def codec_points(scenario: Scenario) -> list[Point]:
     return points + [Point("experience", codec, (f'meta.experience_codec="{codec}"',)) for codec in frames]
 
 
-def codecs_figure(facts: Sequence[Fact], energy: Energy, groups: dict[str, dict[str, str]]) -> Figure:
+def codecs_figure(facts: Sequence[Fact], scenario: Scenario, groups: dict[str, dict[str, str]]) -> Figure:
     """Rounds, Gbit on the links that an encoding is for, and their joules; weights above, experience below."""
     shown = [what for what in _LINKS if what in groups]
     figure = blank(2.3 * len(shown))
@@ -64,24 +63,22 @@ def codecs_figure(facts: Sequence[Fact], energy: Energy, groups: dict[str, dict[
     arms = list(dict.fromkeys(fact.arm for fact in facts))
     for row, what in zip(panels, shown, strict=True):
         variants = measured_variants(facts, groups[what])
-        for axes, (label, value) in zip(row, _values(_LINKS[what], energy).items(), strict=True):
+        for axes, (label, value) in zip(row, _values(_LINKS[what], scenario.energy).items(), strict=True):
             for place, arm in enumerate(arms):
                 found = [over_runs(runs_of(facts, variant, arm), value) for variant in variants.values()]
-                drawn = bars(axes, place, len(arms), found, METHOD_COLOURS[method_of(arm)])
+                drawn = bars(axes, place, len(arms), found, method_colour(scenario, method_of(arm)))
                 axes.bar_label(drawn, fmt="%.3g", fontsize=5.5, padding=1)
             axes.set_xticks(range(len(variants)), list(variants))
             axes.set_xlabel(what)
             axes.set_ylabel(label)
-    methods = [method_of(arm) for arm in arms]
-    handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
+    figure.legend(handles=method_patches(scenario, arms), loc="outside upper right", ncols=len(arms))
     return figure
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all encodings, one figure."""
     made = comparison_outputs("Encodings", facts, record)
-    made.figures["codecs"] = lambda: codecs_figure(facts, record.scenario.energy, record.groups)
+    made.figures["codecs"] = lambda: codecs_figure(facts, record.scenario, record.groups)
     return made
 
 

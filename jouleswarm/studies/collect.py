@@ -7,9 +7,9 @@ from dataclasses import asdict
 from itertools import groupby
 from statistics import fmean
 
-from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.equations import directed_links
+from jouleswarm.methods.graph import directed_links
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.facts import TaskResult, meta_counts, task_counts
 from jouleswarm.runs.run import Run
@@ -23,7 +23,7 @@ def facts_of(run: Run) -> list[Fact]:
     """
     facts = []
     for arm in run.scenario.arms:
-        if arm.method in META_METHODS:
+        if arm.t0:
             facts.append(_meta_fact(run, arm))
         facts += [_task_fact(run, arm, result) for result in run.results[arm.name]]
     return facts
@@ -69,12 +69,12 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
     rewards = _rewards(rows)
     target = run.scenario.federation.target_reward
     robots = len(run.scenario.cluster(result.task))
-    linked = arm.method not in (*SERVED_METHODS, "isolated")
+    linked = run.scenario.method(arm.method).partners == "neighbours"
     return Fact(
         **_head(run, arm),
         task=result.task,
         robots=robots,
-        links=directed_links(robots, run.scenario.federation) if linked else 0,
+        links=directed_links(run.scenario, result.task) if linked else 0,
         rounds=result.rounds,
         rounds_first=first_round(rewards, target, 1) or result.rounds,
         rounds_w3=first_round(rewards, target, 3) or result.rounds,

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from jouleswarm.common.scenario.arms import method_of
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.report.arms import method_colour, method_label
 from jouleswarm.studies.comparison import Line, line_of, lines
 from jouleswarm.studies.estimates import Estimate
 from jouleswarm.studies.facts import Fact
@@ -32,12 +32,12 @@ _PANELS: dict[str, Callable[[Line], Estimate]] = {
 _ALL_WIDTH = 0.76
 
 
-def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Mapping[str, str]) -> Figure:
+def group_figure(facts: Sequence[Fact], scenario: Scenario, what: str, variants: Mapping[str, str]) -> Figure:
     """Rounds, energy and bits against the values of what was varied, arm beside arm.
 
     Args:
         facts: of all variants.
-        energy: constants; literal prices.
+        scenario: whose constants and methods; literal prices.
         what: name of what was varied.
         variants: its value, as shown, -> the variant that has it. Values without facts are left out.
     """
@@ -46,16 +46,23 @@ def group_figure(facts: Sequence[Fact], energy: Energy, what: str, variants: Map
     figure = blank(2.5)
     for axes, (label, part) in zip(figure.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
         for place, arm in enumerate(arms):
-            held = [line_of(facts, variant, arm, energy) for variant in shown.values()]
+            held = [line_of(facts, variant, arm, scenario.energy) for variant in shown.values()]
             failed = [line.not_learned for line in held]
-            bars(axes, place, len(arms), [part(line) for line in held], METHOD_COLOURS[method_of(arm)], failed)
+            colour = method_colour(scenario, method_of(arm))
+            bars(axes, place, len(arms), [part(line) for line in held], colour, failed)
         axes.set_xticks(range(len(shown)), list(shown))
         axes.set_xlabel(what)
         axes.set_ylabel(label)
-    methods = [method_of(arm) for arm in arms]
-    handles = [Patch(facecolor=METHOD_COLOURS[method], label=METHOD_LABELS[method]) for method in methods]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
+    figure.legend(handles=method_patches(scenario, arms), loc="outside upper right", ncols=len(arms))
     return figure
+
+
+def method_patches(scenario: Scenario, arms: Sequence[str]) -> list[Patch]:
+    """Each arm's method in a legend."""
+    methods = [method_of(arm) for arm in arms]
+    return [
+        Patch(facecolor=method_colour(scenario, method), label=method_label(scenario, method)) for method in methods
+    ]
 
 
 def measured_variants(facts: Sequence[Fact], variants: Mapping[str, str]) -> dict[str, str]:
@@ -89,11 +96,11 @@ def bars(
     return drawn
 
 
-def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
+def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
     """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned."""
     figure = blank(3.0)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
-    held = lines(facts, energy)
+    held = lines(facts, scenario.energy)
     for place, line in enumerate(held):
         start = 0.0
         for colour, found in zip(_CAUSES.values(), line.causes, strict=True):
@@ -105,7 +112,7 @@ def causes_figure(facts: Sequence[Fact], energy: Energy) -> Figure:
     for place, line in failed.items():
         told = f" {line.not_learned} of {line.trials} not learned"
         right.annotate(told, (0, place), fontsize=6, va="center", ha="left")
-    left.set_yticks(range(len(held)), [METHOD_LABELS[method_of(line.arm)] for line in held])
+    left.set_yticks(range(len(held)), [method_label(scenario, method_of(line.arm)) for line in held])
     left.invert_yaxis()
     left.set_xlabel("energy $E$ (kJ), literal prices")
     right.set_xlabel("rounds, all tasks")

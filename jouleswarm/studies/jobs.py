@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import META_METHODS
 from jouleswarm.common.scenario.documents import parse_toml
 from jouleswarm.common.scenario.reading import load_scenario, scenario_path
 from jouleswarm.common.scenario.scenario import Scenario
@@ -34,8 +33,8 @@ class Job:
     seed: int
     scenario: str
     overrides: tuple[str, ...]
-    files: tuple[tuple[str, str], ...] = ()
-    """(module, text) of the user's files that come in by doors."""
+    files: tuple[tuple[str, bytes], ...] = ()
+    """(name, content) of the user's files that the scenario names."""
 
     @property
     def name(self) -> str:
@@ -64,8 +63,8 @@ class Job:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "scenario.toml"
         path.write_text(self.scenario, encoding="utf-8")
-        for module, text in self.files:
-            (folder / f"{module}.py").write_text(text, encoding="utf-8")
+        for name, content in self.files:
+            (folder / name).write_bytes(content)
         return path
 
 
@@ -100,8 +99,9 @@ class Request:
     def meta_method(self) -> str:
         """The scenario's own method of meta-learning: the first one it names, else MAML."""
         _ = self.text  # of a file that is not there, its error says what to do
-        named = load_scenario(self.scenario_file).methods
-        return next((method for method in named if method in META_METHODS), "maml")
+        scenario = load_scenario(self.scenario_file)
+        named = zip(scenario.methods, scenario.method_names, strict=True)
+        return next((said for said, name in named if name in scenario.meta_methods), "maml")
 
     def jobs(
         self, variants: Iterable[Variant], settings: Sequence[str], seeds: Iterable[int] | None = None
@@ -112,7 +112,7 @@ class Request:
         differs between its variants whatever the user has set.
         """
         text, named = self.text, self.scenario(settings).files
-        files = tuple((module, path.read_text(encoding="utf-8")) for module, path in sorted(named.items()))
+        files = tuple((name, path.read_bytes()) for name, path in sorted(named.items()))
         return [
             Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides), files)
             for variant in variants

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from jouleswarm.common.scenario.arms import METHODS
+from jouleswarm.common.doors import SHIPPED
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.runs.paper import TRAINING_TASKS
 from jouleswarm.studies.jobs import Request, Variant, methods_setting
@@ -47,7 +47,7 @@ def regime_points(scenario: Scenario) -> list[Point]:
 
 def plan_baselines(request: Request) -> Plan:
     """One deployment a seed, every method an arm of it."""
-    settings = [methods_setting(METHODS), f"meta.t0={request.t0}"]
+    settings = [methods_setting(SHIPPED["methods"]), f"meta.t0={request.t0}"]
     return Plan(request.jobs([Variant("")], settings), settings)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from jouleswarm.environments.landmarks.families import MAX_STEM, Path, draw_family, drawing, similarity
+from jouleswarm.environments.landmarks.settings import task_map, world_of
 from jouleswarm.studies.arms import PLAIN, failures_of, tasks_of
 from jouleswarm.studies.comparison import comparison_csv, comparison_markdown
 from jouleswarm.studies.estimates import estimate
@@ -25,9 +26,9 @@ def plan(request: Request) -> Plan:
     """One deployment a stem and seed, each with a family of tasks of its own, drawn from the seed."""
     settings = pair_settings(request)
     scenario = request.scenario(settings)
-    rows, cols = scenario.world.rows, scenario.world.cols
+    rows, cols = world_of(scenario).rows, world_of(scenario).cols
     ids = [task.id for task in scenario.tasks]
-    entry = scenario.task_map(ids[0]).entry
+    entry = task_map(scenario, ids[0]).entry
     jobs, values = [], {}
     for stem in range(MAX_STEM + 1):
         label = f"stem={stem}"

@@ -56,14 +56,14 @@ def sweep_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all variants, one figure a thing that was varied."""
     made = comparison_outputs(title, facts, record)
     for what, variants in record.groups.items():
-        made.figures[f"{record.study}_{what}"] = partial(group_figure, facts, record.scenario.energy, what, variants)
+        made.figures[f"{record.study}_{what}"] = partial(group_figure, facts, record.scenario, what, variants)
     return made
 
 
 def methods_outputs(title: str, facts: Sequence[Fact], record: Record) -> Outputs:
     """One table and one figure of methods side by side."""
     made = comparison_outputs(title, facts, record)
-    made.figures[record.study] = partial(causes_figure, facts, record.scenario.energy)
+    made.figures[record.study] = partial(causes_figure, facts, record.scenario)
     return made
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.process import use_one_thread
@@ -51,7 +51,7 @@ def model_bytes(scenario: Scenario) -> int:
     header = ModelHeader(
         task=1, agent=1, round=1, reward=1.0, samples=1, rewards=dict.fromkeys(range(cluster), (1, 1.0))
     )
-    return len(encode_model(to_weights(build_qnetwork(scenario.network)), header))
+    return len(encode_model(to_weights(build_qnetwork(scenario)), header))
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_the_clusters_reward_is_the_windowed_mean_of_its_robots_rewards(outcome:
 
 def test_learned_weights_are_safetensors_of_the_last_round(outcome: Outcome) -> None:
     assert set(outcome.learned) == {("maml", 1), ("maml", 2), ("fl", 1), ("fl", 2)}
-    shapes = {name: tensor.shape for name, tensor in to_weights(build_qnetwork(small().network)).items()}
+    shapes = {name: tensor.shape for name, tensor in to_weights(build_qnetwork(small())).items()}
     for payload in outcome.learned.values():
         tensors = safetensors.numpy.load(payload)
         assert {name: tensor.shape for name, tensor in tensors.items()} == shapes
@@ -141,7 +141,7 @@ def test_every_shape_of_cluster_completes_and_moves_rounds_x_links_x_payload(ove
 
 
 def meta_model_shapes(scenario: Scenario) -> dict[str, tuple[int, ...]]:
-    network = build_qnetwork(scenario.network)
+    network = build_qnetwork(scenario)
     return meta_shapes(shapes_of(network), head_of(network), scenario.meta.training_tasks)
 
 
@@ -193,7 +193,7 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     for agent in offsets:
         hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
-    shapes = shapes_of(build_qnetwork(scenario.network))
+    shapes = shapes_of(build_qnetwork(scenario))
     published = []
     for round_ in (1, 2):
         message = hands.receive(DEADLINE_S)
@@ -228,7 +228,7 @@ def test_the_meta_model_is_where_federated_learning_starts() -> None:
     assert weights is not None
     meta = safetensors.numpy.load(bytes(snapshot.payload))
     assert {name: tensor.shape for name, tensor in meta.items()} == meta_model_shapes(scenario)
-    first, _ = decode_model(weights.payload, shapes_of(build_qnetwork(scenario.network)))
+    first, _ = decode_model(weights.payload, shapes_of(build_qnetwork(scenario)))
     # Robot 1's task is trained on, so its last layer is the task's own.
     for name, tensor in first.items():
         assert np.array_equal(tensor, meta.get(f"task1/{name}", meta[name]))

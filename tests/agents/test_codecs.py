@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from jouleswarm.agents.meta_stage import MetaLink
-from jouleswarm.agents.neighbourhood import Neighbourhood
+from jouleswarm.agents.partners import Partners
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.agents.served import ServerLink
-from jouleswarm.agents.sharing import ParameterServer as ServedSharing
 from jouleswarm.codecs.codec import Codec, codec_of, open_codec
 from jouleswarm.codecs.floats import FLOAT32, Float16
 from jouleswarm.codecs.int8 import Int8
@@ -27,8 +25,10 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.datacenter.cluster_rounds import Turn
-from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.datacenter.services import WeightsService
 from jouleswarm.learning.networks import build_qnetwork, to_weights
+from jouleswarm.methods.fedavg import FedAvg
+from jouleswarm.methods.graph import Neighbourhood
 
 RUN, ARM, TASK, ME = "r", "fl", 1, 1
 SHAPES = {"w": (4,)}
@@ -54,7 +54,7 @@ class Pair:
         here = Neighbourhood(agent=ME, task=TASK, cluster=(1, 2), neighbours=(2,), diameter=1)
         bus = self.hub.connect("agent-1")
         self.exchange = Exchange(bus, RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), Federation(), codec=codec)
-        self.meta = MetaLink(self.exchange, SHAPES)
+        self.meta = MetaLink(self.exchange, lambda arm: SHAPES)
         self.other = self.hub.connect("other")
         self.open("fl")
 
@@ -165,6 +165,7 @@ def test_a_meta_model_of_differences_is_refused() -> None:
 
 
 ROUNDS = 30
+FEDAVG = Arm("fedavg", "fedavg", 0)
 
 
 class Averaging:
@@ -172,7 +173,7 @@ class Averaging:
 
     def __init__(self, codec: Codec) -> None:
         self.scenario = _scenario(codec)
-        self.server, self.hub = ParameterServer(self.scenario), MemoryHub()
+        self.server, self.hub = WeightsService(self.scenario, FEDAVG), MemoryHub()
         self.bus = self.hub.connect("datacenter")
         self.bus.subscribe(*(topics.weights_up(RUN, "fedavg", TASK, agent) for agent in (1, 2)))
         self.ends: dict[int, Weights] = {}
@@ -203,12 +204,12 @@ class Averaging:
         shapes = {name: tensor.shape for name, tensor in weights.items()}
         bus, codec = self.hub.connect(f"agent-{agent}"), codec_of(self.scenario)
         exchange = Exchange(bus, RUN, here, shapes, Bus(resend_after_s=PATIENT_S), Federation(), codec=codec)
-        exchange.open_arm(Arm("fedavg", "fedavg", 0), here, 2)
-        sharing = ServedSharing(ServerLink(exchange), exchange)
+        exchange.open_arm(FEDAVG, here, 2, topics.weights_up)
+        partners = Partners(exchange, FedAvg(), self.scenario.federation)
         for round_ in range(1, ROUNDS + 1):
             weights = bump(agent, round_, weights)
-            sharing.share(weights, header(agent, round_))
-            weights = sharing.mixed(weights)
+            partners.meet(weights, header(agent, round_))
+            weights = partners.mixed(weights)
         self.ends[agent] = weights
 
 
@@ -227,7 +228,7 @@ def _scenario(codec: Codec) -> Scenario:
 @pytest.mark.parametrize("codec", [FLOAT32, Float16(), Int8(), TopK(0.2)])
 def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: Codec) -> None:
     averaging = Averaging(codec)
-    starts = {agent: to_weights(build_qnetwork(averaging.scenario.network, agent)) for agent in (1, 2)}
+    starts = {agent: to_weights(build_qnetwork(averaging.scenario, agent)) for agent in (1, 2)}
     rng = np.random.default_rng(1)
     moved = {name: rng.normal(size=tensor.shape).astype(np.float32) for name, tensor in starts[1].items()}
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from jouleswarm.agents.meta_stage import MetaLink
-from jouleswarm.agents.neighbourhood import Neighbourhood
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
 from jouleswarm.common.errors import RunError
@@ -18,6 +17,7 @@ from jouleswarm.common.scenario.sections import Bus, Federation
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, Presence, RoundRequest, Wait, decode_json, encode_json
 from jouleswarm.common.wire.models import encode_model
+from jouleswarm.methods.graph import Neighbourhood
 
 RUN, ARM, TASK, ME = "r", "maml", 1, 1
 SHAPES = {"w": (2,)}
@@ -69,9 +69,9 @@ class Table:
         )
         self.others = self.hub.connect("others")
         self.ears = self.hub.connect("ears")
-        self.meta = MetaLink(self.exchange, SHAPES)
+        self.meta = MetaLink(self.exchange, lambda arm: SHAPES)
         self.meta.listen([Arm(ARM, ARM, 3)])
-        self.exchange.join([Arm(ARM, ARM, 3)])
+        self.exchange.join()
         self.exchange.open_arm(Arm(ARM, ARM, 3), here, 2)
 
     def listen(self, *filters: str) -> MemoryBus:
@@ -132,7 +132,7 @@ def header(round_: int) -> ModelHeader:
 def test_a_robot_without_neighbours_gathers_nothing_at_once() -> None:
     here = Neighbourhood(agent=1, task=1, cluster=(1,), neighbours=(), diameter=1)
     exchange = Exchange(MemoryHub().connect("agent-1"), RUN, here, SHAPES, Bus(resend_after_s=PATIENT_S), Federation())
-    exchange.join([Arm(ARM, ARM, 3)])
+    exchange.join()
     exchange.open_arm(Arm(ARM, ARM, 3), here, 2)
     exchange.await_stage(1)
     assert exchange.gather(1) == {}

@@ -17,6 +17,8 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader, decode_motion
 from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.networks import build_qnetwork
+from tests.made_up import image
 
 FORWARD, LEFT = 0, 2
 FIRST, SECOND, EXIT = -0.5 - 2.5 * 2 / 3, -0.5 - 2.5 / 3, 80.0
@@ -42,7 +44,7 @@ def always(action: int, settings: Scenario) -> Learner:
     bias = np.zeros(4, np.float32)
     bias[action] = 1.0
     weights: dict[str, npt.NDArray[np.float32]] = {"1.weight": np.zeros((4, 8 * 6 * 4), np.float32), "1.bias": bias}
-    return Learner(settings.network, settings.learning, weights, np.random.default_rng(1))
+    return Learner(build_qnetwork(settings), settings.learning, weights, np.random.default_rng(1))
 
 
 def begun(settings: Scenario, agent: int = 1) -> Explorer:
@@ -53,18 +55,18 @@ def begun(settings: Scenario, agent: int = 1) -> Explorer:
 
 def test_a_perfect_episode_returns_the_discounted_rewards_and_follows_the_path() -> None:
     settings = scenario()
-    reward, rmse_m = begun(settings).evaluate(always(FORWARD, settings))
+    reward, measures = begun(settings).evaluate(always(FORWARD, settings))
     assert reward == pytest.approx(BEST_RETURN, abs=1e-4)
-    assert rmse_m == 0.0
+    assert measures == {"rmse_m": 0.0}
 
 
 def test_an_episode_that_never_arrives_pays_and_is_measured_against_the_path() -> None:
     settings = scenario()
-    reward, rmse_m = begun(settings).evaluate(always(LEFT, settings))
+    reward, measures = begun(settings).evaluate(always(LEFT, settings))
     # ten motions at (0, 0), one off the entry: -3 - 1.5 each
     assert reward == pytest.approx(-4.5 * (1 - 0.99**10) / (1 - 0.99), abs=1e-4)
     # (0, 1), then (0, 0) against (1, 1), (2, 1) and nine times... the path waits at (3, 1) for motions 3 to 10
-    assert rmse_m == pytest.approx(math.sqrt((0 + 2 + 5 + 8 * 10) / 11))
+    assert measures == pytest.approx({"rmse_m": math.sqrt((0 + 2 + 5 + 8 * 10) / 11)})
 
 
 def test_an_episode_that_never_arrives_never_counts_above_0() -> None:
@@ -127,7 +129,7 @@ def test_the_same_arm_brings_the_same_to_the_bit_whatever_came_before() -> None:
 
 
 def read(payloads: list[bytes]) -> list[MotionHeader]:
-    return [decode_motion(payload, 12, 16)[1] for payload in payloads]
+    return [decode_motion(payload, image(12, 16))[1] for payload in payloads]
 
 
 def test_experience_follows_the_best_policy_of_the_table_from_round_to_round() -> None:

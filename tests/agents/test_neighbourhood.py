@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.agents.neighbourhood import Neighbourhood, neighbourhood_of
-from jouleswarm.common.scenario.arms import Method
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.methods.graph import Neighbourhood, neighbourhood_of
 from jouleswarm.methods.ledger import RewardLedger
 
 MAP = ". E . \n . * . \n . * . \n . X ."
@@ -34,13 +33,12 @@ def test_a_robot_alone_has_no_neighbours() -> None:
 
 
 def test_an_isolated_robot_is_a_cluster_of_its_own() -> None:
-    here = neighbourhood_of(scenario(4), 6, "isolated")
+    here = neighbourhood_of(scenario(4), 6, "nobody")
     assert here == Neighbourhood(agent=6, task=2, cluster=(6,), neighbours=(), diameter=1)
 
 
-@pytest.mark.parametrize("method", ["fedavg", "centralized"])
-def test_a_served_robot_has_a_cluster_but_no_sidelinks(method: Method) -> None:
-    here = neighbourhood_of(scenario(4, topology="ring"), 6, method)
+def test_a_served_robot_has_a_cluster_but_no_sidelinks() -> None:
+    here = neighbourhood_of(scenario(4, topology="ring"), 6, "datacenter")
     assert here == Neighbourhood(agent=6, task=2, cluster=(5, 6, 7, 8), neighbours=(), diameter=1)
 
 

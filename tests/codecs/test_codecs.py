@@ -10,18 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.codecs.codec import Codec, is_whole
-from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.floats import FLOAT32, Float16
 from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.models import check_tensors, decoded, read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.codecs.topk import INDICES, VALUES, TopK, topk_entries
 from jouleswarm.common.errors import PayloadError, TrainingError
+from jouleswarm.common.scenario.sections import Network
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model, largest_weight
 from jouleswarm.common.wire.tensorfile import tensor_bytes
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.runs.sizes import weights_bytes
+from tests.made_up import image
 
 HALF, INT8 = Float16(), Int8()
 CODECS = [FLOAT32, HALF, INT8, TopK(0.25)]
@@ -237,7 +239,10 @@ def test_a_messages_tensors_take_the_expected_bytes(codec: Codec, first: int, la
 
 
 def test_a_frame_takes_the_expected_bytes() -> None:
-    sizes = {codec: experience_bytes(codec, (640, 480), (96, 72)) for codec in ("raw", "resized", "png")}
+    sizes = {
+        codec: experience_bytes(codec, image(480, 640), Network(width=96, height=72))
+        for codec in ("raw", "resized", "png")
+    }
     assert sizes == {"raw": 1_228_800, "resized": 27_648, "png": None}
 
 

@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.frames import resize
 from jouleswarm.codecs.observations import decode_experience, encode_experience, largest_png
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.scenario.sections import ExperienceCodec
+from jouleswarm.common.scenario.sections import ExperienceCodec, Network
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire.messages import MotionHeader, encode_motion
 from jouleswarm.common.wire.tensorfile import encode_tensors, tensor_bytes
+from tests.made_up import image
 
-CAMERA, NETWORK = (16, 12), (8, 6)  # width, height
+CAMERA, NETWORK = image(12, 16), image(6, 8)
 HEADER = MotionHeader(task=2, agent=3, round=1, motion=0, action=3, reward=-1.5, first=True, terminated=False)
 CODECS: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
 Frame = npt.NDArray[np.uint8]
@@ -29,7 +30,7 @@ def frame_of(seed: int) -> Frame:
 
 
 def encoded(frame: Frame, codec: ExperienceCodec) -> bytes:
-    return encode_experience(frame, HEADER, codec, *NETWORK)
+    return encode_experience(frame, HEADER, codec, NETWORK)
 
 
 def decoded(payload: bytes, codec: ExperienceCodec) -> Frame:
@@ -41,7 +42,7 @@ def test_the_learner_gets_the_same_pixels_whatever_the_codec(seed: int) -> None:
     frame = frame_of(seed)
     for codec in CODECS:
         got, header = decode_experience(encoded(frame, codec), codec, CAMERA, NETWORK)
-        assert np.array_equal(got, resize(frame, *NETWORK))
+        assert np.array_equal(got, resize(frame, 8, 6))
         assert header.model_copy(update={"padding": "", "codec": None}) == HEADER
 
 
@@ -62,15 +63,15 @@ def test_a_raw_motion_is_what_it_was_before_there_were_codecs() -> None:
 def test_the_frame_takes_the_expected_bytes() -> None:
     sizes = {codec: tensor_bytes(encoded(frame_of(1), codec)) for codec in CODECS}
     assert (sizes["raw"], sizes["resized"]) == (4 * 16 * 12, 4 * 8 * 6)
-    assert all(experience_bytes(codec, CAMERA, NETWORK) in (sizes[codec], None) for codec in CODECS)
+    assert all(experience_bytes(codec, CAMERA, Network(width=8, height=6)) in (sizes[codec], None) for codec in CODECS)
 
 
 def test_a_smooth_frame_is_smaller_as_png_and_noise_stays_within_the_limit() -> None:
     smooth = np.full((480, 640, 4), 100, np.uint8)
     noise = np.random.default_rng(1).integers(0, 256, (480, 640, 4), dtype=np.uint8)
-    sizes = [tensor_bytes(encode_experience(frame, HEADER, "png", 96, 72)) for frame in (smooth, noise)]
+    sizes = [tensor_bytes(encode_experience(frame, HEADER, "png", image(72, 96))) for frame in (smooth, noise)]
     assert sizes[0] < 0.2 * smooth.nbytes
-    assert noise.nbytes < sizes[1] <= largest_png(640, 480)
+    assert noise.nbytes < sizes[1] <= largest_png(image(480, 640))
 
 
 @pytest.mark.parametrize("expected", CODECS)
@@ -85,7 +86,7 @@ def test_a_motion_of_another_codec_is_refused(got: ExperienceCodec, expected: Ex
 
 
 def test_where_camera_and_network_have_one_size_the_header_tells_raw_from_resized() -> None:
-    payload = encode_experience(frame_of(1), HEADER, "resized", *CAMERA)
+    payload = encode_experience(frame_of(1), HEADER, "resized", CAMERA)
     with pytest.raises(PayloadError, match="resized, expected raw"):
         decode_experience(payload, "raw", CAMERA, CAMERA)
 
@@ -118,7 +119,7 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "sides swapped": (carried(with_ihdr(12, 16)), "PNG begins"),
     "three channels": (carried(THREE), "PNG begins"),
     "16 bits": (carried(DEEP), "PNG begins"),
-    "beyond the limit": (carried(GOOD + bytes(largest_png(*CAMERA))), f"expected 1 to {largest_png(*CAMERA)}"),
+    "beyond the limit": (carried(GOOD + bytes(largest_png(CAMERA))), f"expected 1 to {largest_png(CAMERA)}"),
     "a text in it": (carried(GOOD[:33] + chunk(b"zTXt", b"x") + GOOD[33:]), "chunk b'zTXt'"),
     "cut off": (carried(GOOD[:-20]), "ends in"),
     "without an end": (carried(GOOD[:-12]), "ends in"),

@@ -20,6 +20,7 @@ from jouleswarm.common.meter.counters import Counters
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.learning.replay import Replay
 from jouleswarm.runs.directory import RunDirectory
+from tests.made_up import image
 
 ROOT = Path(__file__).parents[2]
 
@@ -94,7 +95,7 @@ def many_keys(folder: Path) -> None:
 
 
 TOO_LARGE: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "frames": ("frames.bin", lambda folder: Replay(100, 10, 10, folder / "frames.bin")),
+    "frames": ("frames.bin", lambda folder: Replay(100, image(10, 10), folder / "frames.bin")),
     "counters": ("counters-0.bin", many_keys),
     "a state": ("s.0", lambda folder: StateFile(folder / "s", "o").save(State({"x": np.zeros(1000)}))),
     "a file replaced": ("model", lambda folder: write_whole(folder / "model", bytes(5000))),

@@ -29,6 +29,7 @@ from jouleswarm.common.wire.messages import (
 )
 from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model
 from jouleswarm.common.wire.saved_models import check_model
+from tests.made_up import image
 
 WEIGHTS = {
     "0.weight": np.arange(6, dtype=np.float32).reshape(2, 3) / 7,
@@ -87,7 +88,7 @@ def test_a_motion_comes_back_bit_by_bit(
     header = MotionHeader(
         task=1, agent=2, round=3, motion=4, action=action, reward=reward, first=first, terminated=terminated
     )
-    decoded, got = decode_motion(encode_motion(frame, header), 2, 3)
+    decoded, got = decode_motion(encode_motion(frame, header), image(2, 3))
     assert np.array_equal(decoded, frame)
     assert got.model_copy(update={"padding": ""}) == header
 
@@ -257,7 +258,7 @@ def test_a_reward_from_the_future_is_refused_as_it_would_stay_the_newest_for_eve
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"action": "4"}, "action"),
+        ({"action": "-1"}, "action"),
         ({"reward": "nan"}, "reward"),
         ({"first": "maybe"}, "first"),
         ({"agent": "0"}, "agent"),
@@ -267,19 +268,19 @@ def test_a_reward_from_the_future_is_refused_as_it_would_stay_the_newest_for_eve
 def test_a_bad_motion_is_refused_and_the_reason_named(change: dict[str, str], reason: str) -> None:
     payload = altered(lambda entries: entries["__metadata__"].update(change), encode_motion(FRAME, MOTION))
     with pytest.raises(PayloadError, match=reason):
-        decode_motion(payload, 2, 3)
+        decode_motion(payload, image(2, 3))
 
 
 def test_a_motion_of_another_frame_size_is_refused() -> None:
     with pytest.raises(PayloadError, match=r"\(2, 3, 4\).*expected.*\(3, 2, 4\)"):
-        decode_motion(encode_motion(FRAME, MOTION), 3, 2)
+        decode_motion(encode_motion(FRAME, MOTION), image(3, 2))
 
 
 @given(st.binary(max_size=400))
 def test_random_bytes_never_raise_anything_but_a_refusal(payload: bytes) -> None:
     for read in (
         lambda: decode_model(payload, SHAPES),
-        lambda: decode_motion(payload, 2, 3),
+        lambda: decode_motion(payload, image(2, 3)),
         lambda: decode_json(payload, Presence),
     ):
         with pytest.raises(PayloadError):

@@ -10,9 +10,10 @@ from pydantic import BaseModel
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.fitting import parameter_count
 from jouleswarm.common.scenario.reading import load_scenario, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import shipped_tensors
+from jouleswarm.environments.landmarks.settings import Camera, World, task_map
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 MAP = "E*\n.X"
@@ -43,7 +44,7 @@ def test_paper_scenario_is_the_papers_deployment() -> None:
     assert paper.agents == tuple(range(1, 13))
     assert paper.meta.training_tasks == (1, 2, 6)
     assert paper.meta.t0 == 210
-    assert {task.id: paper.task_map(task.id).exit for task in paper.tasks} == {
+    assert {task.id: task_map(paper, task.id).exit for task in paper.tasks} == {
         1: (7, 0),
         2: (7, 1),
         3: (7, 2),
@@ -51,8 +52,8 @@ def test_paper_scenario_is_the_papers_deployment() -> None:
         5: (4, 4),
         6: (7, 4),
     }
-    assert {paper.task_map(task.id).path[:3] for task in paper.tasks} == {((0, 2), (1, 2), (2, 2))}  # common stem
-    frame_bytes = paper.camera.width * paper.camera.height * 4
+    assert {task_map(paper, task.id).path[:3] for task in paper.tasks} == {((0, 2), (1, 2), (2, 2))}  # common stem
+    frame_bytes = paper.spaces.observation.nbytes
     assert paper.learning.motions_per_round * frame_bytes == 24_576_000
 
 
@@ -83,7 +84,7 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"tasks": [{"id": 1}]}, "tasks.0.map: Field required"),
         ({"methods": []}, "methods: name each method once"),
         ({"methods": ["maml", "maml"]}, "methods: name each method once"),
-        ({"methods": ["sarsa"]}, "methods.0: Input should be 'fl', 'isolated'"),
+        ({"methods": ["reptil"]}, "method 'reptil': expected anil, .*, or module:name; did you mean reptile"),
         ({"meta": {"t0": 0, "training_tasks": [1]}}, "meta.t0 is 0, expected 1 or more"),
         ({"meta": {"training_tasks": [1, 2]}}, r"meta.training_tasks \(1, 2\) are not all among the tasks \[1, 4\]"),
         ({"meta": {"t0": 3, "snapshots": [2, 4], "training_tasks": [1]}}, "snapshots .* reach past meta.t0 = 3"),
@@ -178,7 +179,7 @@ def numbers(model: type[BaseModel], where: str = "") -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("key", numbers(Scenario))
+@pytest.mark.parametrize("key", [*numbers(Scenario), *numbers(World, "world."), *numbers(Camera, "camera.")])
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e300, -1e300, 10**21, 5e-324])
 def test_every_number_is_finite_bounded_and_no_subnormal(key: str, value: float) -> None:
     data = two_tasks()
@@ -203,7 +204,10 @@ def test_parameters_are_counted_as_the_network_has_them() -> None:
         ("paper", 1_391_268),
         ("toy", 9_532),
     ):  # toy: 8 (4x16+1) + 16 (8x9+1) + 32 (240+1) + 4 x 33
-        assert parameter_count(load_scenario(SCENARIOS / f"{name}.toml").network) == parameters
+        scenario = load_scenario(SCENARIOS / f"{name}.toml")
+        interface = shipped_tensors(scenario.network, scenario.spaces)
+        assert interface is not None
+        assert sum(interface.entries) == parameters
 
 
 def write(folder: Path, text: str) -> Path:

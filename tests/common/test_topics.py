@@ -8,6 +8,9 @@ from jouleswarm.common.wire.topics import Link
 
 METERED = {
     topics.experience("r", "maml", 2, 3): ("jouleswarm/r/maml/ul/2/3/experience", Link.UPLINK, "maml"),
+    topics.transition("r", "centralized", 2, 3): ("jouleswarm/r/centralized/ul/2/3/transition", Link.UPLINK, "fl"),
+    topics.weights_up("r", "fedavg", 2, 3): ("jouleswarm/r/fedavg/ul/2/3/weights", Link.UPLINK, "fl"),
+    topics.cluster_model("r", "mine", 2): ("jouleswarm/r/mine/dl/2/model", Link.DOWNLINK, "fl"),
     topics.meta_model("r", "maml"): ("jouleswarm/r/maml/dl/meta", Link.DOWNLINK, "maml"),
     topics.meta_model("r", "maml", 3): ("jouleswarm/r/maml/dl/3/meta", Link.DOWNLINK, "maml"),
     topics.weights("r", "fl", 2, 3): ("jouleswarm/r/fl/sl/2/3/weights", Link.SIDELINK, "fl"),
@@ -33,7 +36,7 @@ def test_a_topic_says_its_link_run_arm_and_phase(topic: str) -> None:
 
 
 def test_all_topics_of_a_run_differ() -> None:
-    assert len(METERED) == 12
+    assert len(METERED) == 15
 
 
 @pytest.mark.parametrize("name", ["toy", "toy-20240501-120000-ab12", "a.b", "_", "7"])

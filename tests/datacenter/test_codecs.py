@@ -10,16 +10,19 @@ from jouleswarm.codecs.frames import resize
 from jouleswarm.codecs.observations import encode_experience
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import ExperienceCodec, Federation
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.datacenter.experience import read_motion
-from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.datacenter.services import WeightsService
 from jouleswarm.learning.networks import build_qnetwork, to_weights
+from tests.made_up import image
 
 CODECS: tuple[str, ...] = ("float32", "float16", "int8", "topk")
 EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
+FEDAVG = Arm("fedavg", "fedavg", 0)
 HEADER = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=20, rewards={1: (1, 1.0)})
 MOTION = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0, first=True, terminated=False)
 FRAME = np.random.default_rng(1).integers(0, 256, (12, 16, 4), dtype=np.uint8)
@@ -30,7 +33,7 @@ MakeScenario = Callable[..., Scenario]
 @pytest.mark.parametrize("codec", CODECS)
 def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: MakeScenario, codec: str) -> None:
     scenario = make_scenario(federation={"codec": codec}, methods=["fedavg"])
-    server, weights = ParameterServer(scenario), to_weights(build_qnetwork(scenario.network, 1))
+    server, weights = WeightsService(scenario, FEDAVG), to_weights(build_qnetwork(scenario, 1))
     for sent in CODECS:
         payload = WeightsEncoder(open_codec(sent, Federation())).payload(weights, HEADER)
         if sent == codec:
@@ -42,12 +45,12 @@ def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: Ma
 
 def test_a_first_round_of_differences_is_refused_before_it_can_do_harm(make_scenario: MakeScenario) -> None:
     scenario = make_scenario(federation={"codec": "topk"}, methods=["fedavg"])
-    weights = to_weights(build_qnetwork(scenario.network, 1))
+    weights = to_weights(build_qnetwork(scenario, 1))
     encoder = WeightsEncoder(codec_of(scenario))
     _, differences = encoder.encode(weights), encoder.encode(weights)
     payload = encode_model(differences, HEADER.model_copy(update={"codec": "topk"}))
     with pytest.raises(PayloadError, match="expected a whole model in the first round"):
-        ParameterServer(scenario).read(payload, 1, 1)
+        WeightsService(scenario, FEDAVG).read(payload, 1, 1)
 
 
 @pytest.mark.parametrize("codec", EXPERIENCE)
@@ -56,7 +59,7 @@ def test_experience_of_the_scenarios_codec_alone_becomes_the_frame_that_is_learn
 ) -> None:
     scenario = make_scenario(meta={"experience_codec": codec})
     for sent in EXPERIENCE:
-        payload = encode_experience(FRAME, MOTION, sent, 8, 6)
+        payload = encode_experience(FRAME, MOTION, sent, image(6, 8))
         if sent == codec:
             motion = read_motion(payload, scenario)
             assert np.array_equal(motion.frame, resize(FRAME, 8, 6))

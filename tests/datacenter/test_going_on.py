@@ -16,18 +16,19 @@ from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
 from jouleswarm.datacenter.center import _forget
-from jouleswarm.datacenter.central import CentralLearner
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Service, Turn
-from jouleswarm.datacenter.parameter_server import ParameterServer
+from jouleswarm.datacenter.services import ExperienceService, WeightsService
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 
 Make = Callable[..., Any]
 CODECS: tuple[str, ...] = ("float32", "float16", "int8", "topk")
 ROBOTS = (1, 2)  # of task 1
+FEDAVG, CENTRALIZED = (Arm(name, name, 0) for name in ("fedavg", "centralized"))
 
 
 def through_a_file(ours: Service[Any], theirs: Service[Any], folder: Path) -> None:
@@ -43,7 +44,7 @@ class Robots:
 
     def __init__(self, scenario: Scenario) -> None:
         self.codec, self.rng = codec_of(scenario), np.random.default_rng(1)
-        network = build_qnetwork(scenario.network, 1)
+        network = build_qnetwork(scenario, 1)
         self.shapes, self.models = shapes_of(network), {robot: to_weights(network) for robot in ROBOTS}
         self.encoders = {robot: WeightsEncoder(self.codec) for robot in ROBOTS}
         self.decoder = WeightsDecoder(self.codec, self.shapes)
@@ -66,7 +67,7 @@ class Robots:
             self.models[robot] = dict(average)
 
 
-def answer(server: ParameterServer, round_: int, said: dict[int, bytes]) -> bytes:
+def answer(server: WeightsService, round_: int, said: dict[int, bytes]) -> bytes:
     arrived = {robot: [server.read(payload, 1, robot)[2]] for robot, payload in said.items()}
     return server.model(Turn(1, round_, arrived))[0]
 
@@ -75,7 +76,7 @@ def answer(server: ParameterServer, round_: int, said: dict[int, bytes]) -> byte
 def test_a_parameter_server_goes_on_bit_by_bit(codec: str, make_scenario: Make, tmp_path: Path) -> None:
     federation = {"codec": codec, "topk_share": 0.1, "reward_window": 2}
     scenario = make_scenario(methods=["fedavg"], federation=federation)
-    robots, ours, theirs = Robots(scenario), ParameterServer(scenario), ParameterServer(scenario)
+    robots, ours, theirs = Robots(scenario), WeightsService(scenario, FEDAVG), WeightsService(scenario, FEDAVG)
     for round_ in (1, 2):
         robots.hear(answer(ours, round_, robots.say(round_)))
     through_a_file(ours, theirs, tmp_path)
@@ -99,11 +100,11 @@ def test_a_central_learner_goes_on_bit_by_bit(
         motions = [make_experience(scenario, seed)[1][0] for seed in (round_, round_ + 100)]
         return Turn(1, round_, dict(zip(ROBOTS, motions, strict=True)))
 
-    ours = CentralLearner(scenario, tmp_path / "a")
+    ours = ExperienceService(scenario, CENTRALIZED, tmp_path / "a")
     for round_ in (1, 2):
         ours.model(turn(round_))
     shutil.copytree(tmp_path / "a", tmp_path / "b")
-    theirs = CentralLearner(scenario, tmp_path / "b")
+    theirs = ExperienceService(scenario, CENTRALIZED, tmp_path / "b")
     through_a_file(ours, theirs, tmp_path / "a")
     for round_ in (3, 4):
         assert theirs.model(turn(round_)) == ours.model(turn(round_))
@@ -111,7 +112,7 @@ def test_a_central_learner_goes_on_bit_by_bit(
 
 def test_a_desk_goes_on_with_the_next_round_and_the_last_answer(make_scenario: Make) -> None:
     scenario, hub = make_scenario(methods=["fedavg"]), MemoryHub()
-    robots, server = hub.connect("robots"), ParameterServer(scenario)
+    robots, server = hub.connect("robots"), WeightsService(scenario, FEDAVG)
 
     def desk(name: str) -> ClusterDesk[Any]:
         return ClusterDesk(Listener(hub.connect(name), 60.0), scenario, "r", "fedavg", server, 2)
@@ -140,6 +141,6 @@ def test_what_a_data_center_kept_is_gone_with_its_folder_and_nothing_of_others(t
             (tmp_path / folder / name).touch()
     (tmp_path / "shared" / "somebody-elses").touch()
     for folder in ("alone", "shared"):
-        _forget(tmp_path / folder, {})
+        _forget(tmp_path / folder, [])
     assert [path.name for path in tmp_path.iterdir()] == ["shared"]
     assert [path.name for path in (tmp_path / "shared").iterdir()] == ["somebody-elses"]

@@ -14,6 +14,7 @@ from jouleswarm.common.disk.state import StateFile
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.datacenter.experience import Motion, Walks
 from jouleswarm.learning.replay import Replay
+from tests.made_up import image
 
 M = 3  # motions a round
 Transitions = set[tuple[int, int | None]]
@@ -45,8 +46,8 @@ def transitions(replay: Replay) -> Transitions:
 
 
 def test_a_round_s_last_motion_becomes_a_transition_with_the_next_round() -> None:
-    replay = Replay(50, 1, 1)
-    walks = Walks(replay, M)
+    replay = Replay(50, image(1, 1))
+    walks = Walks(replay, lambda agent: M)
     walks.remember(walk(1, 1))
     assert transitions(replay) == {(100, 101), (101, 102)}
     walks.remember(walk(1, 2))
@@ -54,8 +55,8 @@ def test_a_round_s_last_motion_becomes_a_transition_with_the_next_round() -> Non
 
 
 def test_robots_of_one_memory_are_kept_apart() -> None:
-    replay = Replay(50, 1, 1)
-    walks = Walks(replay, M)
+    replay = Replay(50, image(1, 1))
+    walks = Walks(replay, lambda agent: M)
     for round_ in (1, 2):
         for agent in (1, 2):
             walks.remember(walk(agent, round_))
@@ -64,8 +65,8 @@ def test_robots_of_one_memory_are_kept_apart() -> None:
 
 
 def test_a_truncated_episode_s_last_motion_never_becomes_one_and_a_terminated_one_is_whole() -> None:
-    replay = Replay(50, 1, 1)
-    walks = Walks(replay, M)
+    replay = Replay(50, image(1, 1))
+    walks = Walks(replay, lambda agent: M)
     walks.remember(walk(1, 1, firsts=(0, 2), terminated=(2,)))  # truncated after two motions; then one to the exit
     walks.remember(walk(1, 2, firsts=(3,)))
     assert transitions(replay) == {(100, 101), (102, None), (103, 104), (104, 105)}
@@ -73,8 +74,8 @@ def test_a_truncated_episode_s_last_motion_never_becomes_one_and_a_terminated_on
 
 @pytest.mark.parametrize("agents", [(1,), (1, 2)])
 def test_a_walk_with_a_gap_is_not_joined(agents: tuple[int, ...]) -> None:
-    replay = Replay(50, 1, 1)
-    walks = Walks(replay, M)
+    replay = Replay(50, image(1, 1))
+    walks = Walks(replay, lambda agent: M)
     for agent in agents:
         walks.remember(walk(agent, 1))
     left_out = walk(1, 3)  # it was left out of round 2, and one motion of its third is missing
@@ -85,8 +86,8 @@ def test_a_walk_with_a_gap_is_not_joined(agents: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("agents", [(1,), (1, 2)])
 def test_what_is_held_comes_back_with_the_state(agents: tuple[int, ...], tmp_path: Path) -> None:
-    ours, theirs = Replay(50, 1, 1, tmp_path / "a.bin"), Replay(50, 1, 1)
-    walks, back = Walks(ours, M), Walks(theirs, M)
+    ours, theirs = Replay(50, image(1, 1), tmp_path / "a.bin"), Replay(50, image(1, 1))
+    walks, back = Walks(ours, lambda agent: M), Walks(theirs, lambda agent: M)
     for agent in agents:
         walks.remember(walk(agent, 1))
         back.remember(walk(agent, 1))  # for the frames, which are not in the state
@@ -94,7 +95,7 @@ def test_what_is_held_comes_back_with_the_state(agents: tuple[int, ...], tmp_pat
     file.save(walks.state())
     state = file.load()
     assert state is not None
-    again = Walks(theirs, M)
+    again = Walks(theirs, lambda agent: M)
     again.load_state(state)
     for agent in agents:
         walks.remember(walk(agent, 2))

@@ -12,6 +12,7 @@ from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import (
@@ -25,14 +26,15 @@ from jouleswarm.common.wire.messages import (
     encode_motion,
 )
 from jouleswarm.common.wire.models import decode_model, encode_model
-from jouleswarm.datacenter.central import CentralLearner
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
 from jouleswarm.datacenter.experience import read_motion
-from jouleswarm.datacenter.parameter_server import ParameterServer, weighted_average
+from jouleswarm.datacenter.services import ExperienceService, WeightsService
 from jouleswarm.learning.networks import build_qnetwork, shapes_of
+from jouleswarm.methods.mixing import weighted_average
 
 Make = Callable[..., Scenario]
 RUN, DONE = "r", 2
+FEDAVG, CENTRALIZED = (Arm(name, name, 0) for name in ("fedavg", "centralized"))
 ROBOTS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 3, 6: 3}  # robot -> task
 DEADLINE_S = 20.0
 
@@ -47,10 +49,10 @@ class Table:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.shapes = shapes_of(build_qnetwork(scenario.network))
+        self.shapes = shapes_of(build_qnetwork(scenario))
         self.hub = MemoryHub()
         self.robots, self.ears = self.hub.connect("robots"), self.hub.connect("ears")
-        self.server = ParameterServer(scenario)
+        self.server = WeightsService(scenario, FEDAVG)
         bus = self.hub.connect("datacenter")
         listener = Listener(bus, scenario.bus.resend_after_s, Patience(bus, RUN, 600.0))
         self.desk = ClusterDesk(listener, scenario, RUN, "fedavg", self.server, DONE)
@@ -183,7 +185,7 @@ def test_the_data_center_learns_as_many_batches_as_the_robots_would_have_whoever
     arrived = {agent: [read_motion(each, scenario) for each in motions(scenario, agent)] for agent in (1, 2)}
     backwards = dict(reversed(arrived.items()))
     (ours, gradients), (theirs, _) = (
-        CentralLearner(scenario).model(Turn(1, 1, order)) for order in (arrived, backwards)
+        ExperienceService(scenario, CENTRALIZED).model(Turn(1, 1, order)) for order in (arrived, backwards)
     )
     assert gradients == 2 * 5
     assert ours == theirs
@@ -191,7 +193,7 @@ def test_the_data_center_learns_as_many_batches_as_the_robots_would_have_whoever
 
 def test_the_data_center_takes_no_motion_of_another_robot(make_scenario: Make) -> None:
     scenario = make_scenario(methods=["centralized"])
-    learner = CentralLearner(scenario)
+    learner = ExperienceService(scenario, CENTRALIZED)
     assert learner.read(motions(scenario, 2)[3], 1, 2)[:2] == (1, 3)
     with pytest.raises(PayloadError, match="experience of robot 2, task 1; expected robot 1, task 1"):
         learner.read(motions(scenario, 2)[3], 1, 1)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.common.scenario.sections import Energy, Federation
+from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy import equations as e
 
 PAPER = Energy()
@@ -107,23 +107,6 @@ def test_published_prices_a_round() -> None:
 @pytest.mark.parametrize("elsewhere", [REVERSED, Energy(ul_bit_per_j=201e3), Energy(sidelink="via_base_station")])
 def test_published_is_not_defined_elsewhere(elsewhere: Energy) -> None:
     assert e.published_bill(210, 129.2, elsewhere) is None
-
-
-@pytest.mark.parametrize(
-    ("robots", "federation", "links"),
-    [
-        (1, Federation(), 0),
-        (2, Federation(), 2),
-        (4, Federation(), 12),
-        (2, Federation(topology="ring"), 2),
-        (3, Federation(topology="ring"), 6),
-        (5, Federation(topology="ring"), 10),
-        (6, Federation(topology="random", degree=3), 18),
-        (1, Federation(topology="random"), 0),
-    ],
-)
-def test_directed_links_of_a_cluster(robots: int, federation: Federation, links: int) -> None:
-    assert e.directed_links(robots, federation) == links
 
 
 def test_each_cause_is_paid_at_one_site() -> None:

@@ -5,9 +5,9 @@ import pytest
 
 from jouleswarm.codecs.frames import resize
 from jouleswarm.common.scenario.reading import scenario_from
-from jouleswarm.common.scenario.sections import Camera as CameraSettings
-from jouleswarm.common.scenario.sections import World
-from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
+from jouleswarm.environments.landmarks.camera import Camera
+from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
+from jouleswarm.environments.landmarks.settings import World, shared_obstacles
 
 STILL = CameraSettings(pose_jitter_m=0, heading_jitter_deg=0, noise=0)
 HORIZON, MIDDLE, DEPTH = 240, 320, 3

@@ -15,6 +15,7 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.environment import LandmarksEnv
+from jouleswarm.environments.landmarks.settings import task_map
 
 FORWARD, BACKWARD, LEFT, RIGHT = range(4)
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
@@ -44,7 +45,7 @@ def test_gymnasium_finds_nothing_wrong() -> None:
 
 def test_scenario_may_be_a_file_or_an_object(small: Scenario) -> None:
     assert LandmarksEnv(scenario=small, task=3).observation_space.shape == (48, 64, 4)
-    assert LandmarksEnv(scenario=str(PAPER)).task_map == small.task_map(1)
+    assert LandmarksEnv(scenario=str(PAPER)).task_map == task_map(small, 1)
 
 
 def test_a_walk_down_the_path_terminates_at_the_exit(small: Scenario) -> None:
@@ -190,3 +191,8 @@ def test_render_shows_the_newest_frame(small: Scenario) -> None:
 def test_an_unknown_task_is_refused(small: Scenario) -> None:
     with pytest.raises(ConfigurationError, match=r"task 7 is not in scenario paper, expected one of \[1, 2, 3"):
         LandmarksEnv(scenario=small, task=7)
+
+
+def test_a_missing_scenario_is_explained(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"nowhere\.toml: cannot be read"):
+        LandmarksEnv(scenario=tmp_path / "nowhere.toml")

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import World
 from jouleswarm.environments.landmarks.maps import TaskMap, parse_map
+from jouleswarm.environments.landmarks.settings import World
+from jouleswarm.environments.landmarks.settings import task_map as map_of
 from jouleswarm.environments.landmarks.tasks import (
     BACKWARD,
     FORWARD,
@@ -113,13 +114,13 @@ def test_values_end_where_loitering_without_discount_is_best() -> None:
 def test_best_return_of_the_straight_task(paper: Scenario) -> None:
     # Task 3 goes straight on for 7 motions: arriving at i = 1..6 is worth -3 + 2.5 i / 7, the exit 80. nu = 0.99:
     # - 2.642857 - 2.262857 - 1.890193 - 1.524756 - 1.166438 - 0.815134 + 80 x 0.941480 = 65.0162
-    values = action_values(task_table(paper, 3), paper.task_map(3), 0.99)
+    values = action_values(task_table(paper, 3), map_of(paper, 3), 0.99)
     assert values[:, 0, 2].max() == pytest.approx(65.0162, abs=1e-4)
 
 
 @pytest.mark.parametrize("task", range(1, 7))
 def test_every_paper_task_can_be_learned(paper: Scenario, task: int) -> None:
-    task_map, table = paper.task_map(task), task_table(paper, task)
+    task_map, table = map_of(paper, task), task_table(paper, task)
     assert action_values(table, task_map, 0.99)[:, 0, 2].max() >= paper.federation.target_reward == 50
     walked = follow(table_policy(table, task_map), task_map)
     assert walked == task_map.path
@@ -140,14 +141,14 @@ SERPENTINE = [(i // 5, i % 5 if i // 5 % 2 == 0 else 4 - i % 5) for i in range(3
 
 
 def test_hexapod_table_is_the_authors_table_in_serpentine_order(hexapod: Scenario) -> None:
-    table, task_map = task_table(hexapod, 1), hexapod.task_map(1)
+    table, task_map = task_table(hexapod, 1), map_of(hexapod, 1)
     assert [table[cell] for cell in SERPENTINE] == HEXAPOD_IDS
     assert (task_map.entry, task_map.exit) == (SERPENTINE[0], SERPENTINE[30])
     assert task_map.obstacles == {cell for cell, reward in zip(SERPENTINE, HEXAPOD_IDS, strict=True) if reward == -80}
 
 
 def test_hexapod_drawing_is_a_best_route(hexapod: Scenario) -> None:
-    task_map, nu = hexapod.task_map(1), hexapod.learning.discount
+    task_map, nu = map_of(hexapod, 1), hexapod.learning.discount
     assert task_map.path == tuple(SERPENTINE[i] for i in (0, 9, 8, 7, 6, 13, 16, 23, 22, 21, 20, 29, 30))
     values = action_values(task_table(hexapod, 1), task_map, nu)
     for here, there in zip(task_map.path, task_map.path[1:], strict=False):
@@ -159,7 +160,7 @@ def test_hexapod_drawing_is_a_best_route(hexapod: Scenario) -> None:
 
 
 def test_hexapod_table_makes_loitering_best_at_the_papers_discount(hexapod: Scenario) -> None:
-    values = action_values(task_table(hexapod, 1), hexapod.task_map(1), 0.99)[(slice(None), *SERPENTINE[29])]
+    values = action_values(task_table(hexapod, 1), map_of(hexapod, 1), 0.99)[(slice(None), *SERPENTINE[29])]
     assert values[LEFT] == pytest.approx(100, abs=1e-4)  # stay, +1 for ever: 1 / (1 - 0.99)
     assert values[FORWARD] == 80  # leave
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
 from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.process import use_one_thread

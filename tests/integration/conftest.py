@@ -22,10 +22,10 @@ import pytest
 import safetensors.numpy
 
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.scenario.arms import METHODS
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.saved_models import check_model
+from jouleswarm.methods.shipped import all_shipped
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -207,7 +207,7 @@ def small_run(run_toy: RunToy) -> Run:
 @pytest.fixture(scope="session")
 def methods_run(run_toy: RunToy) -> Run:
     """Every method, and an arm from a meta-model on the way, in one deployment."""
-    return run_toy("methods", *SMALL, f"methods={list(METHODS)}", "meta.adapt_from=[1]")
+    return run_toy("methods", *SMALL, f"methods={list(all_shipped())}", "meta.adapt_from=[1]")
 
 
 @pytest.fixture

@@ -18,9 +18,9 @@ import pytest
 from jouleswarm.common.bus.credentials import credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import METHODS
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, decode_json
+from jouleswarm.methods.shipped import all_shipped
 
 ROOT = Path(__file__).parents[2]
 TOY = str(ROOT / "scenarios" / "toy.toml")
@@ -63,7 +63,7 @@ def unique(figures: list[dict[str, Any]]) -> set[str]:
 def test_all_methods_with_requests_to_send_again_need_no_further_right_and_learn_the_same(
     guarded: Guarded, keys: Path, start: Any, read_run: Any, small: tuple[str, ...], methods_run: Any, tmp_path: Path
 ) -> None:
-    overrides = (*small, f"methods={list(METHODS)}", "meta.adapt_from=[1]", "bus.resend_after_s=0.02")
+    overrides = (*small, f"methods={list(all_shipped())}", "meta.adapt_from=[1]", "bus.resend_after_s=0.02")
     run = start.jouleswarm(
         "run", TOY, "--broker", guarded.url, "--keys", str(keys), "--run-id", "guarded", "--out", str(tmp_path),
         "--no-figures", *(part for each in overrides for part in ("--set", each)),

@@ -28,7 +28,7 @@ def test_the_example_runs_from_start_to_bill(start: Any, read_run: Any, small: A
     scenario = load_scenario(run.path / "manifest.json")  # with the codec that is kept there
     assert (run.path / "doors" / "sign_codec.py").read_text() == (ROOT / "examples" / "sign_codec.py").read_text()
 
-    encoder, weights = WeightsEncoder(codec_of(scenario)), to_weights(build_qnetwork(scenario.network, 1))
+    encoder, weights = WeightsEncoder(codec_of(scenario)), to_weights(build_qnetwork(scenario, 1))
     header = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=6)
     whole, signs = encoder.payload(weights, header, 2), encoder.payload(weights, header, 2)
     assert (tensor_bytes(whole), tensor_bytes(signs)) == (WHOLE, SIGNS) == (38128, 1224)

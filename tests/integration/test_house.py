@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import jouleswarm.common.scenario.scenario as reading
+import jouleswarm.common.scenario.reading as reading
 from jouleswarm import simulation
 from jouleswarm.common.host import arithmetic
 from tests.integration.house_hashes import CASES, KEPT, OLD, Hashes, hashes, hashes_of_the_old_commit

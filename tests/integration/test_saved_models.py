@@ -15,7 +15,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.saved_models import check_model
-from jouleswarm.learning.networks import build_qnetwork, observations, to_weights
+from jouleswarm.learning.networks import build_qnetwork, to_weights
 from jouleswarm.simulation import Outcome, run_in_memory
 
 ROOT = Path(__file__).parents[2]
@@ -70,7 +70,7 @@ def test_the_file_says_all_that_the_network_does_to_a_frame(scenario: Scenario, 
     frame[0, 0, 1:] = [[128] * 4, [255] * 4]
     expected = [(value - header.input.subtract) / header.input.divide for value in (0, 128, 255)]
     assert expected == [-2.0, 0.0, 127 / 64]
-    assert observations(frame)[0, 0, 0].tolist() == expected
+    assert build_qnetwork(scenario).prepare(frame)[0, 0, 0].tolist() == expected
 
 
 def test_a_meta_model_says_which_tasks_have_a_last_layer_of_their_own(scenario: Scenario, outcome: Outcome) -> None:
@@ -83,7 +83,7 @@ def test_a_meta_model_says_which_tasks_have_a_last_layer_of_their_own(scenario: 
 
 
 def test_what_goes_to_neighbours_every_round_does_not_say_it_again(scenario: Scenario) -> None:
-    weights = to_weights(build_qnetwork(scenario.network, 1))
+    weights = to_weights(build_qnetwork(scenario, 1))
     payload = encode_model(weights, ModelHeader(task=1, agent=1, round=1, reward=1.0, rewards={1: (1, 1.0)}), 2)
     (length,) = np.frombuffer(payload[:8], "<u8")
     metadata = json.loads(payload[8 : 8 + int(length)])["__metadata__"]

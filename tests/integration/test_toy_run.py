@@ -126,7 +126,7 @@ def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_librar
     files = {path.stem for path in (toy_run.path / "weights").iterdir()}
     assert files == {f"{arm}-task{task}" for arm in ARMS for task in (1, 2)} | {"maml-meta-t0003"}
     scenario = scenario_from(toy_run.manifest["scenario"], "manifest")
-    network = build_qnetwork(scenario.network)
+    network = build_qnetwork(scenario)
     learned = shapes_of(network)
     meta = meta_shapes(learned, head_of(network), scenario.meta.training_tasks)
     for name in files:

@@ -20,9 +20,10 @@ from jouleswarm.common.scenario.sections import Learning, Network
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.learning.learner import Learner, Policy
-from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
+from jouleswarm.learning.networks import shapes_of, to_weights
 from jouleswarm.learning.replay import Replay
 from jouleswarm.methods.ledger import RewardLedger
+from tests.made_up import image, qnetwork
 
 NETWORK = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 CODECS = [FLOAT32, Float16(), Int8(), TopK(0.1)]
@@ -39,7 +40,7 @@ def through_a_file(ours: Stateful, theirs: Any, folder: Path) -> None:
 
 
 def start(seed: int = 1) -> Weights:
-    return to_weights(build_qnetwork(NETWORK, seed))
+    return to_weights(qnetwork(NETWORK, seed))
 
 
 def one_round(learner: Learner, rng: np.random.Generator) -> None:
@@ -63,7 +64,7 @@ def test_a_learner_goes_on_bit_by_bit(optimizer: str, double: bool, tmp_path: Pa
     )
 
     def learner(seed: int, file: Path) -> Learner:
-        return Learner(NETWORK, settings, start(seed), np.random.default_rng(seed), file)
+        return Learner(qnetwork(NETWORK), settings, start(seed), np.random.default_rng(seed), file)
 
     (tmp_path / "copy").mkdir()
     undisturbed = learner(1, tmp_path / "a.bin")
@@ -81,8 +82,8 @@ def test_a_learner_goes_on_bit_by_bit(optimizer: str, double: bool, tmp_path: Pa
 
 def test_a_learner_that_has_not_learned_yet_goes_on_too(tmp_path: Path) -> None:
     settings = Learning(batch_size=4, replay_size=12)
-    undisturbed = Learner(NETWORK, settings, start(1), np.random.default_rng(1), tmp_path / "a.bin")
-    back = Learner(NETWORK, settings, start(2), np.random.default_rng(2), tmp_path / "b.bin")
+    undisturbed = Learner(qnetwork(NETWORK), settings, start(1), np.random.default_rng(1), tmp_path / "a.bin")
+    back = Learner(qnetwork(NETWORK), settings, start(2), np.random.default_rng(2), tmp_path / "b.bin")
     through_a_file(undisturbed, back, tmp_path)
     for each in (undisturbed, back):
         one_round(each, np.random.default_rng(0))
@@ -90,7 +91,7 @@ def test_a_learner_that_has_not_learned_yet_goes_on_too(tmp_path: Path) -> None:
 
 
 def test_a_policy_goes_on(tmp_path: Path) -> None:
-    ours, theirs = Policy(NETWORK, start(1)), Policy(NETWORK, start(2))
+    ours, theirs = Policy(qnetwork(NETWORK), start(1)), Policy(qnetwork(NETWORK), start(2))
     through_a_file(ours, theirs, tmp_path)
     assert_same(theirs.state(), ours.state())
 
@@ -100,12 +101,12 @@ def frame(value: int) -> Any:
 
 
 def test_a_replay_memory_goes_on_from_its_state_and_its_frames_in_a_file(tmp_path: Path) -> None:
-    ours = Replay(3, 1, 1, tmp_path / "deep" / "frames.bin")
+    ours = Replay(3, image(1, 1), tmp_path / "deep" / "frames.bin")
     for value in (10, 20, 30, 40):  # 40 takes the place of 10
         ours.observe(frame(value), first=False)
         ours.act(value % 4, float(value), terminated=False)
     state = ours.state()
-    theirs = Replay(3, 1, 1, tmp_path / "deep" / "frames.bin")
+    theirs = Replay(3, image(1, 1), tmp_path / "deep" / "frames.bin")
     theirs.load_state(state)
     theirs.observe(frame(50), first=False)  # the ring is now 40, 50, 30
     batch = theirs.sample(100, np.random.default_rng(1))
@@ -132,13 +133,13 @@ def play(replay: Replay, round_: int, frames: int = ROUND) -> bytes:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> list[bytes]:
-    replay = Replay(RING, 1, 1)
+    replay = Replay(RING, image(1, 1))
     return [play(replay, round_) for round_ in range(MORE)]
 
 
 def killed(folder: Path, frames: int, share: float | None, patch: pytest.MonkeyPatch) -> None:
     """A robot that has saved some rounds, and is killed after so many frames of the next, or so much of its state."""
-    replay, file = Replay(RING, 1, 1, folder / "frames.bin", ROUND), StateFile(folder / "s", "o")
+    replay, file = Replay(RING, image(1, 1), folder / "frames.bin", ROUND), StateFile(folder / "s", "o")
     for round_ in range(SAVED):
         play(replay, round_)
         file.save(replay.state())
@@ -161,7 +162,7 @@ def test_a_kill_at_any_moment_leaves_a_wrapped_replay_memory_as_its_newest_whole
     frames: int, share: float | None, tmp_path: Path, undisturbed: list[bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     killed(tmp_path, frames, share, monkeypatch)
-    back, saved = Replay(RING, 1, 1, tmp_path / "frames.bin", ROUND), StateFile(tmp_path / "s", "o").load()
+    back, saved = Replay(RING, image(1, 1), tmp_path / "frames.bin", ROUND), StateFile(tmp_path / "s", "o").load()
     assert saved is not None
     back.load_state(saved)
     assert [play(back, round_) for round_ in range(SAVED, MORE)] == undisturbed[SAVED:]
@@ -185,7 +186,7 @@ def test_a_frame_that_is_not_as_it_was_written_is_refused(
 
 
 def test_frames_have_their_place_on_the_disk_before_there_are_any(tmp_path: Path) -> None:
-    Replay(1000, 10, 10, tmp_path / "frames.bin")
+    Replay(1000, image(10, 10), tmp_path / "frames.bin")
     assert (tmp_path / "frames.bin").stat().st_blocks * 512 >= 1000 * 10 * 10 * 4
 
 
@@ -206,7 +207,7 @@ def test_a_reward_ledger_goes_on_with_exact_rewards(tmp_path: Path) -> None:
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.name)
 def test_an_encoder_and_its_decoder_go_on_with_the_same_messages(codec: Codec, tmp_path: Path) -> None:
     rng, model = np.random.default_rng(1), start()
-    shapes = shapes_of(build_qnetwork(NETWORK))
+    shapes = shapes_of(qnetwork(NETWORK))
     encoder, decoder = WeightsEncoder(codec), WeightsDecoder(codec, shapes)
 
     def moved(weights: Weights) -> Weights:

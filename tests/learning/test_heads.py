@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from jouleswarm.common.scenario.sections import Network
 from jouleswarm.learning.heads import head_key, head_of, meta_shapes, start_of
-from jouleswarm.learning.networks import build_qnetwork, shapes_of
+from jouleswarm.learning.networks import shapes_of
+from tests.made_up import qnetwork
 
-NETWORK = build_qnetwork(Network(width=8, height=6, conv=((4, 3, 1),), dense=(8,)))
+NETWORK = qnetwork(Network(width=8, height=6, conv=((4, 3, 1),), dense=(8,)))
 
 
 def test_the_head_is_the_last_layer() -> None:

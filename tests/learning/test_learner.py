@@ -13,6 +13,8 @@ import torch
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.scenario.sections import Learning, Network
 from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.networks import to_weights
+from tests.made_up import qnetwork
 
 LINEAR = Network(width=1, height=1, conv=(), dense=())
 ONES = np.full((1, 1, 4), 192, np.uint8)
@@ -29,7 +31,7 @@ def settings(**fields: object) -> Learning:
 
 
 def learner(weights: Weights | None = None, network: Network = LINEAR, **fields: object) -> Learner:
-    return Learner(network, settings(**fields), weights or zeros(), np.random.default_rng(1))
+    return Learner(qnetwork(network), settings(**fields), weights or zeros(), np.random.default_rng(1))
 
 
 def q_of(robot: Learner) -> list[float]:
@@ -112,9 +114,7 @@ TINY = Network(width=16, height=12, conv=((8, 4, 2), (16, 3, 1)), dense=(32,))
 
 
 def start(seed: int = 1) -> Weights:
-    from jouleswarm.learning.networks import build_qnetwork, to_weights
-
-    return to_weights(build_qnetwork(TINY, seed))
+    return to_weights(qnetwork(TINY, seed))
 
 
 def test_as_many_gradients_are_computed_as_are_told() -> None:

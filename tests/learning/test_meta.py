@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from jouleswarm.common.scenario.sections import Network
 from jouleswarm.learning.meta import (
     Params,
     TensorBatch,
@@ -16,6 +17,7 @@ from jouleswarm.learning.meta import (
     to_tensors,
 )
 from jouleswarm.learning.replay import Batch
+from tests.made_up import qnetwork
 
 
 def goal(value: float) -> TensorBatch:
@@ -161,7 +163,7 @@ def test_no_gradient_flows_through_the_target() -> None:
 def test_a_replayed_batch_becomes_observations() -> None:
     frames = np.full((2, 1, 1, 4), 192, np.uint8)
     batch = Batch(frames, np.array([1, 2]), np.array([0.5, 1.5], np.float32), frames, np.array([0, 1], np.float32))
-    tensors = to_tensors(batch, torch.device("cpu"))
+    tensors = to_tensors(batch, qnetwork(Network(width=1, height=1, conv=())), torch.device("cpu"))
     assert tensors.frames.tolist() == [[[[1.0]]] * 4] * 2  # (192 - 128) / 64
     assert tensors.next_frames.shape == (2, 4, 1, 1)
     assert tensors.actions.tolist() == [1, 2]

@@ -8,13 +8,13 @@ import torch
 
 from jouleswarm.common.scenario.sections import Network
 from jouleswarm.learning.metamodel import MetaModel
-from jouleswarm.learning.networks import build_qnetwork
+from tests.made_up import qnetwork
 
 NETWORK = Network(width=4, height=4, conv=((2, 3, 1),), dense=(3,))
 
 
 def model(*tasks: int) -> MetaModel:
-    return MetaModel(build_qnetwork(NETWORK, seed=1), tasks)
+    return MetaModel(qnetwork(NETWORK, seed=1), tasks)
 
 
 def gradient(of: MetaModel, task: int, value: float) -> dict[str, torch.Tensor]:
@@ -39,7 +39,7 @@ def test_without_tasks_of_its_own_one_head_serves_all() -> None:
     ours.add_gradient(1, gradient(ours, 1, 4.0), 0.5)
     ours.add_gradient(2, gradient(ours, 2, 8.0), 0.5)
     assert {leaf.grad.mean().item() for _, leaf in ours.named() if leaf.grad is not None} == {6.0}
-    assert ours.weights().keys() == dict(build_qnetwork(NETWORK).named_parameters()).keys()
+    assert ours.weights().keys() == dict(qnetwork(NETWORK).named_parameters()).keys()
 
 
 def test_on_the_wire_the_last_layer_is_the_heads_mean() -> None:
@@ -66,6 +66,6 @@ def test_what_went_on_the_wire_does_not_change_with_training() -> None:
 
 @pytest.mark.parametrize("tasks", [(), (1, 2)])
 def test_all_start_from_the_same_weights(tasks: tuple[int, ...]) -> None:
-    start = {name: value.detach().numpy() for name, value in build_qnetwork(NETWORK, seed=1).named_parameters()}
+    start = {name: value.detach().numpy() for name, value in qnetwork(NETWORK, seed=1).named_parameters()}
     for name, value in model(*tasks).weights().items():
         assert np.array_equal(value, start[name.rpartition("/")[2]])

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.learning.replay import Replay
+from tests.made_up import image
 
 DRAWS = 400  # enough that each of a handful of transitions is drawn
 
@@ -26,7 +27,7 @@ def transitions(replay: Replay, newest: int | None = None) -> set[tuple[int, int
 
 
 def test_a_transition_is_whole_once_its_next_frame_is_there() -> None:
-    replay = Replay(8, 1, 1)
+    replay = Replay(8, image(1, 1))
     replay.observe(frame(1), first=True)
     assert len(replay) == 0
     replay.act(2, 0.5, terminated=False)
@@ -37,14 +38,14 @@ def test_a_transition_is_whole_once_its_next_frame_is_there() -> None:
 
 
 def test_a_terminated_transition_needs_no_next_frame() -> None:
-    replay = Replay(8, 1, 1)
+    replay = Replay(8, image(1, 1))
     replay.observe(frame(1), first=True)
     replay.act(3, 80.0, terminated=True)
     assert transitions(replay) == {(1, 3, 80.0, None)}
 
 
 def test_no_transition_leads_from_a_truncated_episode_into_the_next() -> None:
-    replay = Replay(8, 1, 1)
+    replay = Replay(8, image(1, 1))
     replay.observe(frame(1), first=True)
     replay.act(0, 1.0, terminated=False)
     replay.observe(frame(2), first=False)  # truncated here: frame 2 has no action
@@ -55,7 +56,7 @@ def test_no_transition_leads_from_a_truncated_episode_into_the_next() -> None:
 
 
 def test_a_motion_cut_off_by_a_new_episode_is_no_transition() -> None:
-    replay = Replay(8, 1, 1)
+    replay = Replay(8, image(1, 1))
     replay.observe(frame(1), first=True)
     replay.act(0, 1.0, terminated=False)  # the next frame never came
     replay.observe(frame(2), first=True)
@@ -64,7 +65,7 @@ def test_a_motion_cut_off_by_a_new_episode_is_no_transition() -> None:
 
 
 def test_the_ring_forgets_the_oldest_frames() -> None:
-    replay = Replay(3, 1, 1)
+    replay = Replay(3, image(1, 1))
     for number in range(1, 6):
         replay.observe(frame(number), first=number == 1)
         replay.act(number % 4, float(number), terminated=False)
@@ -73,7 +74,7 @@ def test_the_ring_forgets_the_oldest_frames() -> None:
 
 
 def test_newest_draws_from_so_many_newest_frames_only() -> None:
-    replay = Replay(4, 1, 1)
+    replay = Replay(4, image(1, 1))
     for number in range(1, 7):  # the ring holds 3, 4, 5, 6 and has wrapped round
         replay.observe(frame(number), first=False)
         replay.act(0, 0.0, terminated=False)
@@ -83,7 +84,7 @@ def test_newest_draws_from_so_many_newest_frames_only() -> None:
 
 
 def test_a_sample_has_the_shapes_and_types_of_a_batch() -> None:
-    replay = Replay(4, 2, 3)
+    replay = Replay(4, image(2, 3))
     replay.observe(np.zeros((2, 3, 4), np.uint8), first=True)
     replay.act(1, 2.5, terminated=True)
     batch = replay.sample(5, np.random.default_rng(0))
@@ -96,7 +97,7 @@ def test_a_sample_has_the_shapes_and_types_of_a_batch() -> None:
 
 def test_sampling_from_nothing_is_an_error_not_garbage() -> None:
     with pytest.raises(TrainingError, match="no motion with the one after it among the newest 4 of 0; expected one"):
-        Replay(4, 1, 1).sample(2, np.random.default_rng(0))
+        Replay(4, image(1, 1)).sample(2, np.random.default_rng(0))
 
 
 EPISODES = st.lists(st.tuples(st.integers(1, 6), st.booleans()), min_size=1, max_size=12)
@@ -104,7 +105,7 @@ EPISODES = st.lists(st.tuples(st.integers(1, 6), st.booleans()), min_size=1, max
 
 @given(EPISODES, st.integers(2, 15))
 def test_what_can_be_drawn_is_what_a_plain_list_of_frames_says(episodes: list[tuple[int, bool]], size: int) -> None:
-    replay, seen = Replay(size, 1, 1), []  # seen: [frame, next frame | None | "cut"]
+    replay, seen = Replay(size, image(1, 1)), []  # seen: [frame, next frame | None | "cut"]
     number = 0
     for motions, terminated in episodes:
         for motion in range(motions):

@@ -12,7 +12,7 @@ from jouleswarm.codecs.codec import Codec, open_codec
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.scenario.sections import Federation
-from jouleswarm.methods.consensus import default_step, mix, mixing_weights
+from jouleswarm.methods.mixing import default_step, mix, mixing_weights
 
 Model = dict[str, npt.NDArray[np.float32]]
 
@@ -55,14 +55,14 @@ def test_three_robots_mix_all_neighbours_at_once() -> None:
 
 def test_neighbours_are_mixed_against_what_they_hold_of_this_robot() -> None:
     # 4 + 1/2 x (1/4 x (8 - 5) + 3/4 x (0 - 5)) = 4 + 1/2 x (3/4 - 15/4) = 2.5
-    mixed = mix(model(4.0), {2: model(8.0), 3: model(0.0)}, {2: 0.25, 3: 0.75}, 0.5, public=model(5.0))
+    mixed = mix(model(4.0), {2: model(8.0), 3: model(0.0)}, {2: 0.25, 3: 0.75}, 0.5, told=model(5.0))
     assert mixed["w"].tolist() == [2.5]
 
 
 def test_a_robot_keeps_the_precision_that_its_message_had_not() -> None:
     # both say 1.0, and mean 1.0 and a little more or less
     little = np.float32(2.0**-23)
-    assert mix(model(1.0 + little), {2: model(1.0)}, {2: 1.0}, 0.5, public=model(1.0))["w"].tolist() == [1.0 + little]
+    assert mix(model(1.0 + little), {2: model(1.0)}, {2: 1.0}, 0.5, told=model(1.0))["w"].tolist() == [1.0 + little]
 
 
 @pytest.mark.parametrize("codec", ["float16", "int8", "topk"])

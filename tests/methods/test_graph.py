@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.sections import Federation
-from jouleswarm.energy.equations import directed_links
-from jouleswarm.methods.graph import cluster_graph
+from jouleswarm.methods.graph import cluster_graph, directed_links
 
 
 def edges(agents: list[int], **federation: object) -> set[frozenset[int]]:
@@ -58,8 +58,21 @@ def test_a_degree_that_never_connects_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("topology", "size", "links"), [("full", 4, 12), ("ring", 4, 8), ("ring", 2, 2), ("full", 1, 0)]
+    ("robots", "federation", "links"),
+    [
+        (1, {}, 0),
+        (2, {}, 2),
+        (4, {}, 12),
+        (2, {"topology": "ring"}, 2),
+        (3, {"topology": "ring"}, 6),
+        (5, {"topology": "ring"}, 10),
+        (6, {"topology": "random", "degree": 3}, 18),
+        (1, {"topology": "random"}, 0),
+    ],
 )
-def test_the_bills_links_are_the_graphs_directed_links(topology: str, size: int, links: int) -> None:
-    federation = Federation.model_validate({"topology": topology})
-    assert 2 * len(edges(list(range(size)), topology=topology)) == links == directed_links(size, federation)
+def test_directed_links_of_a_cluster(robots: int, federation: dict[str, object], links: int) -> None:
+    data = {
+        "name": "t", "methods": ["fl"], "world": {"rows": 2, "cols": 2}, "tasks": [{"id": 1, "map": "E*\n.X"}],
+        "federation": {"robots_per_cluster": robots, **federation},
+    }  # fmt: skip
+    assert directed_links(scenario_from(data, "test"), 1) == links

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from jouleswarm.common.scenario.arms import METHODS
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.report.arms import METHOD_COLOURS, METHOD_LABELS, colours, labels
+from jouleswarm.methods.shipped import all_shipped
+from jouleswarm.report.arms import colours, labels
 
 
 def scenario(methods: list[str], **meta: object) -> Scenario:
@@ -25,8 +25,10 @@ def brightness(colour: str) -> int:
 
 
 def test_every_method_has_a_label_and_a_colour_of_its_own() -> None:
-    assert set(METHOD_LABELS) == set(METHOD_COLOURS) == set(METHODS)
-    assert len(set(METHOD_LABELS.values())) == len(set(METHOD_COLOURS.values())) == 9
+    shipped = all_shipped()
+    assert [method.name for method in shipped.values()] == list(shipped)
+    assert len({method.label for method in shipped.values()}) == len(shipped) == 9
+    assert len({method.colour for method in shipped.values()}) == 9
 
 
 def test_labels_say_from_which_meta_model_an_arm_starts() -> None:
@@ -42,14 +44,14 @@ def test_labels_say_from_which_meta_model_an_arm_starts() -> None:
 
 def test_a_meta_model_on_the_way_is_paler_the_earlier_it_is() -> None:
     found = colours(scenario(["maml", "fl"], adapt_from=[42, 66]))
-    assert found["maml"] == METHOD_COLOURS["maml"]
+    assert found["maml"] == "#E69F00"
     assert brightness(found["maml-t42"]) > brightness(found["maml-t66"]) > brightness(found["maml"])
     # 40% of #E69F00 on white: 255 - 0.4 x (255 - 230) = 245, 255 - 0.4 x 96 = 216.6, 255 - 0.4 x 255 = 153
     assert found["maml-t42"] == "#f5d999"
 
 
 def test_no_two_arms_of_a_large_run_look_alike() -> None:
-    found = colours(scenario(list(METHODS), adapt_from=[42, 66, 90, 132, 210]))
+    found = colours(scenario(list(all_shipped()), adapt_from=[42, 66, 90, 132, 210]))
     assert len(found) == 9 + 5 * 5
     assert all(a != b for a, b in combinations(found.values(), 2))
 
@@ -73,6 +75,6 @@ def cielab(colour: str, seen: list[list[float]]) -> npt.NDArray[np.float64]:
 
 @pytest.mark.parametrize("reader", SEEN_BY)
 def test_methods_are_told_apart_by_colour_blind_readers(reader: str) -> None:
-    seen = [cielab(colour, SEEN_BY[reader]) for colour in METHOD_COLOURS.values()]
+    seen = [cielab(colour, SEEN_BY[reader]) for colour in (method.colour for method in all_shipped().values())]
     # a difference of about 2 can just be noticed
     assert min(float(np.linalg.norm(a - b)) for a, b in combinations(seen, 2)) > 14

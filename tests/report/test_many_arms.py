@@ -18,12 +18,12 @@ import pytest
 from rich.console import Console
 
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.arms import META_METHODS, METHODS
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.prices import Prices
+from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
 from jouleswarm.report.format import TextTable
@@ -43,13 +43,13 @@ TASKS = range(1, 7)
 def _scenario() -> Scenario:
     tasks = [{"id": task, "map": "E*\n.X"} for task in TASKS]
     meta = {"t0": T0, "training_tasks": [1, 2], "adapt_from": [2]}
-    data = {"name": RUN, "world": {"rows": 2, "cols": 2}, "tasks": tasks, "methods": list(METHODS), "meta": meta}
+    data = {"name": RUN, "world": {"rows": 2, "cols": 2}, "tasks": tasks, "methods": list(all_shipped()), "meta": meta}
     return scenario_from(data, RUN)
 
 
 def _write(path: Path) -> Path:
     scenario, meter, rows = _scenario(), Meter("broker"), []
-    for method in META_METHODS:
+    for method in (name for name, each in all_shipped().items() if each.stage):
         rows += _stage(method, meter)
     for arm in scenario.arm_names:
         for task, (first, second) in scenario.clusters.items():
@@ -155,7 +155,7 @@ def test_the_paper_says_something_of_its_own_methods_only(run: Run) -> None:
         held = {column.label: column.joules["total"] for column in columns(papers, arm.name, run.scenario.energy)}
         assert (held["paper"] is not None) == (arm.method in ("fl", "maml", "fomaml"))
         # its prices a round also hold for rounds that move and compute as much
-        assert (held["published prices"] is not None) == (arm.method in ("fl", *META_METHODS))
+        assert (held["published prices"] is not None) == (all_shipped()[arm.method].partners == "neighbours")
         assert held["scenario sizes"] is not None
     # 2 x 352.4 J + 42 x 246.3 J
     assert rows_of(totals_table(papers, run.scenario.energy))["MAML, t0 = 2"][:2] == ["106 kJ (210)", "11.05 kJ"]

@@ -117,7 +117,7 @@ def test_a_task_whose_number_begins_like_anothers_is_another() -> None:
 
 
 def test_centralized_learning_is_paid_by_the_data_center_in_its_tasks() -> None:
-    up = delivered("datacenter", topics.experience(RUN, "centralized", 1, 1), 24_000)
+    up = delivered("datacenter", topics.transition(RUN, "centralized", 1, 1), 24_000)
     down = delivered("agent-1", f"jouleswarm/{RUN}/centralized/dl/1/weights", 5_000)
     rows = [row(arm="centralized", agent=0, round=1, gradients=40), row(arm="centralized", agent=1, round=1)]
     counts = arm_counts(rows, up + down, "centralized")
@@ -169,7 +169,7 @@ def test_a_robot_cut_off_behind_its_cluster_says_nothing_about_the_end() -> None
 def test_summary_by_cause_and_site() -> None:
     found = scenario("centralized", energy={"datacenter_g_per_kwh": 360.0, "robots_g_per_kwh": 36.0})
     rows = [row(arm="centralized", agent=0, round=1, gradients=40), row(arm="centralized", agent=1, round=1)]
-    meter = delivered("datacenter", topics.experience(RUN, "centralized", 1, 1), 24_000)
+    meter = delivered("datacenter", topics.transition(RUN, "centralized", 1, 1), 24_000)
     meter += delivered("agent-1", f"jouleswarm/{RUN}/centralized/dl/1/weights", 5_000)
     arm = summarise(found, rows, meter)["arms"]["centralized"]
     assert (arm["method"], arm["t0"]) == ("centralized", 0)

@@ -5,8 +5,8 @@ import pytest
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Network
 from jouleswarm.energy.equations import TABLE_I, Counts, StageCounts
-from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.runs.sizes import expected_counts, scenario_sizes
+from tests.made_up import qnetwork, with_network
 
 
 def test_sizes_of_the_default_scenario_are_the_papers(facts) -> None:
@@ -21,8 +21,8 @@ def test_sizes_of_the_default_scenario_are_the_papers(facts) -> None:
     [Network(), Network(width=48, height=36, conv=((8, 5, 2),), dense=(64, 16)), Network(conv=(), dense=(3,))],
 )
 def test_weights_are_sized_as_the_network_that_is_built(facts, network: Network) -> None:
-    built = sum(parameter.numel() for parameter in build_qnetwork(network).parameters())
-    scenario: Scenario = facts.scenario.model_copy(update={"network": network})
+    built = sum(parameter.numel() for parameter in qnetwork(network).parameters())
+    scenario: Scenario = facts.scenario.model_copy(update={"network": with_network(network).network})
     assert scenario_sizes(scenario).weights_bytes == 4 * built
 
 

@@ -7,12 +7,12 @@ import pytest
 import safetensors.numpy
 
 from jouleswarm.codecs.codec import Codec, codec_of
-from jouleswarm.codecs.experience import experience_bytes
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import ExperienceCodec
+from jouleswarm.common.scenario.sections import ExperienceCodec, Network
+from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_motion
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes
@@ -21,6 +21,7 @@ from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 from jouleswarm.runs.sizes import weights_bytes
 from jouleswarm.simulation import Outcome, run_in_memory
+from tests.made_up import image
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 ROUNDS, T0, MOTIONS = 3, 2, 6
@@ -37,13 +38,13 @@ def small(*overrides: str) -> Scenario:
 
 
 def network(scenario: Scenario) -> Weights:
-    return to_weights(build_qnetwork(scenario.network))
+    return to_weights(build_qnetwork(scenario))
 
 
 def meta_model(scenario: Scenario) -> Weights:
     """The network and a last layer for the training task."""
-    head = head_of(build_qnetwork(scenario.network))
-    shapes = meta_shapes(shapes_of(build_qnetwork(scenario.network)), head, scenario.meta.training_tasks)
+    head = head_of(build_qnetwork(scenario))
+    shapes = meta_shapes(shapes_of(build_qnetwork(scenario)), head, scenario.meta.training_tasks)
     return {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
 
 
@@ -130,8 +131,8 @@ def test_what_is_learned_from_experience_is_the_same_to_the_bit(codec: str, raw:
     assert outcome.learned == raw.learned
     assert outcome.snapshots == raw.snapshots
     assert {row.refused for row in outcome.rows} == {0}
-    for arm in ("maml", "centralized"):
-        moved, raw_moved = (delivered(each, arm, "ul", "experience") for each in (outcome, raw))
+    for arm, word in (("maml", "experience"), ("centralized", "transition")):
+        moved, raw_moved = (delivered(each, arm, "ul", word) for each in (outcome, raw))
         assert moved[0] == raw_moved[0]
         assert moved[1] < raw_moved[1]
 
@@ -139,7 +140,7 @@ def test_what_is_learned_from_experience_is_the_same_to_the_bit(codec: str, raw:
 @pytest.mark.parametrize("codec", ["raw", "resized"])
 def test_experience_moves_the_expected_bytes(codec: ExperienceCodec) -> None:
     outcome = run_in_memory(small("methods=['maml']", f"meta.experience_codec='{codec}'"))
-    frame = experience_bytes(codec, (64, 48), (16, 12))
+    frame = experience_bytes(codec, image(48, 64), Network(width=16, height=12))
     assert frame is not None
     shape = {"raw": (48, 64, 4), "resized": (12, 16, 4)}[codec]
     header = MotionHeader(

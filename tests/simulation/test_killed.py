@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from jouleswarm.agents.agent import run_agent
+from jouleswarm.agents.robot import run_agent
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
 from jouleswarm.common.disk.state import Keep
@@ -163,7 +163,7 @@ CASES = [
     (FEDAVG, TOPK, Death(ROBOT, "weights", 3)),
     (FEDAVG, TOPK, Death(CENTER, "model", 2)),  # the answer is on disk, and nobody has it
     (FEDAVG, TOPK, Death(CENTER, "model", 3, sent=True)),
-    (CENTRALIZED, FLOAT32, Death(ROBOT, "experience", 9)),  # in the middle of the second round
+    (CENTRALIZED, FLOAT32, Death(ROBOT, "transition", 9)),  # in the middle of the second round
     (CENTRALIZED, TOPK, Death(ROBOT, "episode", 2)),
     (CENTRALIZED, TOPK, Death(ROBOT, "episode", 2, sent=True)),
     (CENTRALIZED, TOPK, Death(CENTER, "model", 3)),
@@ -202,7 +202,7 @@ def test_a_robot_that_is_killed_in_its_second_arm_does_not_do_the_first_again(tm
         # 2 rounds of 4 + 4 gradients, and the second's again: its row was not told
         (FOMAML, Death(CENTER, "round", 2), [("maml", 12, 12, 0)]),
         # 3 rounds of 6 motions, and of the second the first 3 again: the third was made and not sent
-        (CENTRALIZED, Death(ROBOT, "experience", 9), [("fl", 0, 0, 21)]),
+        (CENTRALIZED, Death(ROBOT, "transition", 9), [("fl", 0, 0, 21)]),
     ],
 )
 def test_what_is_done_again_is_counted_again(

@@ -8,13 +8,15 @@ import pytest
 
 import jouleswarm.simulation
 from jouleswarm.common.bus.bus import MemoryHub, Message
-from jouleswarm.common.scenario.arms import META_METHODS, METHODS
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.runs.traffic import traffic
 from jouleswarm.simulation import Outcome, run_in_memory
 
+METHODS = tuple(all_shipped())
+META_METHODS = tuple(name for name, method in all_shipped().items() if method.stage is not None)
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"  # 2 tasks, 2 robots each, one training task
 ROUNDS, T0, MOTIONS, BATCHES, ROBOTS = 3, 2, 6, 4, 4
 SMALL = [
@@ -87,7 +89,7 @@ def results(outcome: Outcome) -> tuple[object, ...]:
     [
         ("fl", ("/weights",)),
         ("fedavg", ("/weights", "/model")),
-        ("centralized", ("/experience", "/model", "/episode")),
+        ("centralized", ("/transition", "/model", "/episode")),
         ("multitask", ("/experience", "/weights")),
     ],
 )

@@ -144,7 +144,7 @@ def test_methods_that_the_data_center_serves_have_its_part_in_every_tasks_stage(
     rows = [RoundRow(phase="fl", arm="centralized", task=1, round=1, seconds=1.0, **each) for each in served]
     broker = Meter("broker")
     for task, size in ((1, 70), (2, 900)):
-        topic = topics.experience(NAME, "centralized", task, 1)
+        topic = topics.transition(NAME, "centralized", task, 1)
         broker.count("datacenter", topic, "out", size, size)
         broker.count("agent-1", topics.cluster_model(NAME, "centralized", task), "out", size + 1, size + 1)
     run = Run(Path(), {"run": NAME}, scenario, rows, broker.rows(), [], {"status": "complete"}, [])

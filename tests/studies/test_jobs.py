@@ -10,6 +10,7 @@ import pytest
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.families import similarity
+from jouleswarm.environments.landmarks.settings import task_map
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.jobs import Job, Request, range_of_seeds
 
@@ -98,7 +99,7 @@ def test_similarity_draws_a_family_of_tasks_a_stem_and_seed() -> None:
     for job in plan.jobs:
         loaded = job.load()
         stem = int(job.variant.removeprefix("stem="))
-        paths = [loaded.task_map(task.id).path for task in loaded.tasks]
+        paths = [task_map(loaded, task.id).path for task in loaded.tasks]
         assert len({path[: stem + 1] for path in paths}) == 1
         assert plan.values[job.variant][job.seed] == pytest.approx(similarity(paths), abs=1e-6)
 

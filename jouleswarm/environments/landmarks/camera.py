@@ -14,11 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Camera as CameraSettings
-from jouleswarm.common.scenario.sections import World
 from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.scene import Scene, build_scene, cast
+from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
+from jouleswarm.environments.landmarks.settings import World
 
 Frame = npt.NDArray[np.uint8]
 
@@ -26,11 +25,6 @@ _POSES = 3  # views a landmark
 _SCALE = 2  # frame pixels a view pixel
 _NOISE_SPAN = 1 << 16  # a frame's noise starts at one of so many places of the noise tape
 _SEED = 445
-
-
-def shared_obstacles(scenario: Scenario) -> frozenset[Cell]:
-    """Obstacles of every task: only these stand in the one world that all robots see."""
-    return frozenset.intersection(*(scenario.task_map(task.id).obstacles for task in scenario.tasks))
 
 
 class Camera:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+from weakref import WeakValueDictionary
 
 import gymnasium
 import numpy as np
@@ -11,16 +15,63 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from jouleswarm.common.disk.state import generator_state, load_generator
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.environments.landmarks.camera import Camera, shared_obstacles
+from jouleswarm.environments.landmarks.camera import Camera
 from jouleswarm.environments.landmarks.maps import Cell
-from jouleswarm.environments.landmarks.tasks import ACTIONS, move, start_cells, task_table
+from jouleswarm.environments.landmarks.recorded import RecordedCamera
+from jouleswarm.environments.landmarks.settings import (
+    ACTION_NAMES,
+    CHANNELS,
+    camera_of,
+    shared_obstacles,
+    task_map,
+    world_of,
+)
+from jouleswarm.environments.landmarks.tasks import (
+    ACTIONS,
+    move,
+    rmse_m,
+    start_cells,
+    table_policy,
+    task_table,
+)
 
 Frame = npt.NDArray[np.uint8]
 Info = dict[str, Any]
+
+
+class Frames(Protocol):
+    """Where frames come from; may be shared between environments of one thread."""
+
+    def frame(self, cell: Cell, rng: np.random.Generator) -> Frame:
+        """What the robot at `cell` sees: uint8 [height, width, 4], an array of its own."""
+
+
+class _InUse(threading.local):
+    def __init__(self) -> None:
+        self.cameras: WeakValueDictionary[object, Frames] = WeakValueDictionary()
+
+
+_in_use = _InUse()
+
+
+def new_camera(scenario: Scenario) -> Frames:
+    """The camera that a scenario asks for."""
+    world, settings = world_of(scenario), camera_of(scenario)
+    if settings.frames is not None:
+        return RecordedCamera(settings, Path(settings.frames))
+    return Camera(world, settings, shared_obstacles(scenario))
+
+
+def camera_in_use(scenario: Scenario) -> Frames:
+    """A camera of this thread that another environment of the same world looks through, else a new one: its views
+    take much memory, and two of the same settings see the same."""
+    key = world_of(scenario), camera_of(scenario), shared_obstacles(scenario)
+    if (found := _in_use.cameras.get(key)) is None:
+        found = _in_use.cameras[key] = new_camera(scenario)
+    return found
 
 
 class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
@@ -44,6 +95,9 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         render_mode: None or "rgb_array" (the camera's newest picture).
         camera: another environment's `camera`, of the same scenario, to share its memory; in one thread only.
 
+    Beside what Gymnasium asks for it offers all that a robot may ask of its environment (see
+    `environments.environment`): `state`, `look`, `guide`, `start` and `judge`.
+
     Raises:
         ConfigurationError: the scenario cannot be read, has no such task, a start is not on the grid, or an option of
             `reset` is not known.
@@ -52,14 +106,19 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
     """
 
     # Gymnasium declares this as an instance variable.
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 1,
+        "actions": ACTION_NAMES,
+        "channels": CHANNELS,
+    }
 
     def __init__(
         self,
         task: int | None = None,
         scenario: Scenario | str | Path | None = None,
         render_mode: str | None = None,
-        camera: Camera | None = None,
+        camera: Frames | None = None,
     ) -> None:
         scenario = _resolve(scenario)
         ids = [each.id for each in scenario.tasks]
@@ -67,12 +126,13 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         if task not in ids:
             raise ConfigurationError(f"task {task} is not in scenario {scenario.name}, expected one of {ids}")
         self.render_mode = render_mode
-        self.task_map = scenario.task_map(task)
+        self.task_map = task_map(scenario, task)
         self.rewards = task_table(scenario, task)
-        self._world = scenario.world
-        self.camera = camera or Camera(scenario.world, scenario.camera, shared_obstacles(scenario))
+        self._world, self._discount = world_of(scenario), scenario.learning.discount
+        self.camera = camera or new_camera(scenario)
         self._cell, self._motions, self._is_over = self.task_map.entry, 0, True
-        shape = (scenario.camera.height, scenario.camera.width, 4)
+        self._walked: list[Cell] = []
+        shape = (camera_of(scenario).height, camera_of(scenario).width, len(CHANNELS))
         self._frame: Frame = np.zeros(shape, np.uint8)
         self.observation_space = spaces.Box(0, 255, shape, np.uint8)
         self.action_space = spaces.Discrete(len(ACTIONS))
@@ -84,7 +144,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
             )
         super().reset(seed=seed)
         self._cell = self._start((options or {}).get("start", "entry"))
-        self._motions, self._is_over = 0, False
+        self._motions, self._is_over, self._walked = 0, False, [self._cell]
         return self.look()
 
     def look(self) -> tuple[Frame, Info]:
@@ -98,6 +158,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
             raise ResetNeeded("no episode is going on: it has ended or none was begun; expected reset() before step()")
         self._cell = move(self._cell, int(action), self.task_map.rows, self.task_map.cols)
         self._motions += 1
+        self._walked.append(self._cell)
         terminated = self._cell == self.task_map.exit
         truncated = not terminated and self._motions >= self._world.max_motions
         self._is_over = terminated or truncated
@@ -108,14 +169,36 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         return self._frame[..., :3] if self.render_mode == "rgb_array" else None
 
     def state(self) -> dict[str, Any]:
-        """Where the robot stands and what its random generator will draw, as plain values."""
-        place = {"cell": self._cell, "motions": self._motions, "over": self._is_over}
-        return {**place, "rng": generator_state(self.np_random)}
+        """Where the robot stands, as plain values; what `np_random` will draw and the newest frame are apart."""
+        return {"cell": self._cell, "motions": self._motions, "over": self._is_over}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Take up what `state` returned. The newest frame is not part of it."""
+        """Take up what `state` returned."""
         self._cell, self._motions, self._is_over = tuple(state["cell"]), state["motions"], state["over"]
-        load_generator(self.np_random, state["rng"])
+        self._walked = [self._cell]
+
+    def guide(self) -> int:
+        """The best action here by the position-reward table."""
+        return int(self._best[self._cell])
+
+    def start(self, where: str, share: int, shares: int) -> Sequence[dict[str, Any]]:
+        """Options of `reset`: to begin at the entry, anywhere, or in the area of robot `share` of `shares`."""
+        if where == "entry":
+            return [{"start": self.task_map.entry}]
+        area = (0, 1) if where == "anywhere" else (share, shares)
+        return [{"start": cell} for cell in start_cells(self.task_map, *area)]
+
+    def judge(self, total: float) -> tuple[float, dict[str, float]]:
+        """What an episode that has brought `total` counts, and the RMSE of its path in metres.
+
+        Without the exit it never counts above 0 (DESIGN: it counts only with its exit).
+        """
+        counts = total if self._cell == self.task_map.exit else min(total, 0.0)
+        return counts, {"rmse_m": rmse_m(self._walked, self.task_map, self._world.cell_m)}
+
+    @cached_property
+    def _best(self) -> npt.NDArray[np.int64]:
+        return table_policy(self.rewards, self.task_map, self._discount)
 
     def _look(self) -> Frame:
         self._frame = self.camera.frame(self._cell, self.np_random)

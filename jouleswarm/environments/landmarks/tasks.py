@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import World
 from jouleswarm.environments.landmarks.maps import Cell, TaskMap, neighbouring_cells
+from jouleswarm.environments.landmarks.settings import World, task_map, task_rewards, world_of
 
 FORWARD, BACKWARD, LEFT, RIGHT = ACTIONS = range(4)  # row + 1, row - 1, column - 1, column + 1
 _SETTLED = 1e-9
@@ -52,7 +52,7 @@ def reward_table(task_map: TaskMap, world: World, rewards: Sequence[float] | Non
 
 def task_table(scenario: Scenario, task: int) -> npt.NDArray[np.float32]:
     """The position-reward table of one of the scenario's tasks, float32 [rows, cols]."""
-    return reward_table(scenario.task_map(task), scenario.world, scenario.task(task).rewards)
+    return reward_table(task_map(scenario, task), world_of(scenario), task_rewards(scenario, task))
 
 
 def action_values(

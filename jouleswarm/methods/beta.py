@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.seeding import stream
-from jouleswarm.learning.heads import head_of
 from jouleswarm.learning.meta import TensorBatch, make_loss, meta_gradient, to_tensors
 from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
 
@@ -51,23 +54,23 @@ class Cost:
         return max(1.0, (exact / plain - self.support_batches) / self.query_batches)
 
 
-def measure_beta(scenario: Scenario, method: str, inner_steps: int | None = None, repeats: int = 3) -> Cost:
+def measure_beta(
+    scenario: Scenario, adapts: Collection[str] | None = None, inner_steps: int | None = None, repeats: int = 3
+) -> Cost:
     """Measure on made-up batches of the scenario's network, with `inner_steps` (default the scenario's) a meta-update.
 
-    Both kinds are timed in turn, after one of each that is not counted.
+    Both kinds are timed in turn, after one of each that is not counted. `adapts`: parameters that adapt, default all.
     """
     inner = scenario.meta.inner_steps if inner_steps is None else inner_steps
-    model = build_qnetwork(scenario.network, 1)
+    model = build_qnetwork(scenario, 1)
     params = {name: value.detach() for name, value in model.named_parameters()}
     loss = make_loss(model, params, scenario.learning.discount, double=scenario.learning.double)
     share = scenario.meta.query_batches / scenario.meta.support_batches
-    support, query = _batches(scenario, inner), _batches(scenario, max(1, round(inner * share)))
-
-    head = head_of(model) if method == "anil" else None
+    support, query = (_batches(scenario, model, count) for count in (inner, max(1, round(inner * share))))
 
     def run(*, exact: bool) -> None:
         clip, lr = scenario.learning.grad_clip, scenario.meta.inner_lr
-        meta_gradient(params, support, query, loss, lr, exact=exact, clip=clip, inner=head)
+        meta_gradient(params, support, query, loss, lr, exact=exact, clip=clip, inner=adapts)
 
     kinds = (lambda: run(exact=True)), (lambda: run(exact=False))
     flops = [_flops(each) for each in kinds]  # also the first run of each, which is not timed
@@ -76,22 +79,28 @@ def measure_beta(scenario: Scenario, method: str, inner_steps: int | None = None
     return Cost(inner, len(query), exact_s, first_order_s, *flops)
 
 
-def _batches(scenario: Scenario, count: int) -> list[TensorBatch]:
-    network, size = scenario.network, scenario.meta.batch_size
+def _batches(scenario: Scenario, model: QNetwork, count: int) -> list[TensorBatch]:
+    size, actions = scenario.meta.batch_size, len(scenario.spaces.actions)
     rng = stream(scenario.seed, "beta", count)
-    shape = (size, network.height, network.width, 4)
 
     def batch() -> TensorBatch:
         made_up = Batch(
-            rng.integers(0, 256, shape, np.uint8),
-            rng.integers(0, 4, size),
+            _observations(rng, size, model.takes),
+            rng.integers(0, actions, size),
             rng.normal(size=size).astype(np.float32),
-            rng.integers(0, 256, shape, np.uint8),
+            _observations(rng, size, model.takes),
             np.zeros(size, np.float32),
         )
-        return to_tensors(made_up, torch.device("cpu"))
+        return to_tensors(made_up, model, torch.device("cpu"))
 
     return [batch() for _ in range(count)]
+
+
+def _observations(rng: np.random.Generator, size: int, takes: Observation) -> npt.NDArray[Any]:
+    dtype, shape = np.dtype(takes.dtype), (size, *takes.shape)
+    if dtype.kind == "f":
+        return rng.normal(size=shape).astype(dtype)
+    return rng.integers(0, takes.values or (256 if dtype == np.uint8 else 2), shape).astype(dtype)
 
 
 def _seconds(call: Callable[[], object]) -> float:

@@ -1,35 +1,38 @@
 """The robot process, to be read from top to bottom.
 
-For each arm: take part in the data center's meta-learning (once a method), then learn the task with the neighbours:
-collect -> learn -> evaluate -> share -> decide -> mix -> remember, round by round.
+For each arm: take part in the stage that the data center trains before (once a method), then learn the task with the
+method's partners: make transitions and learn -> evaluate -> meet the others -> decide -> go on -> remember, round by
+round.
 """
 
 from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 
-from jouleswarm.agents.centralized import follow
 from jouleswarm.agents.explorer import Explorer
 from jouleswarm.agents.memory import Memory
 from jouleswarm.agents.meta_stage import MetaLink
-from jouleswarm.agents.neighbourhood import neighbourhood_of
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.agents.sharing import sharing_of
+from jouleswarm.agents.ways import Here, way_of
 from jouleswarm.codecs.codec import codec_of
 from jouleswarm.common.bus.bus import Bus
 from jouleswarm.common.disk.state import NOTHING, Keep, Stateful
-from jouleswarm.common.scenario.arms import META_METHODS, SERVED_METHODS, Arm
+from jouleswarm.common.scenario.arms import Arm, method_of
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.seeding import integer, stream
+from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
-from jouleswarm.learning.learner import Learner
-from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights, use_of
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
+from jouleswarm.learning.start import start_weights
+from jouleswarm.methods.graph import neighbourhood_of
 from jouleswarm.methods.ledger import RewardLedger
+from jouleswarm.methods.method import Method
+from jouleswarm.methods.trial import try_penalty
 
 log = logging.getLogger("jouleswarm.agent")
 
@@ -41,7 +44,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
         ConfigurationError: another process is this robot, or the run has another scenario.
         RunError: the folder holds another robot's or scenario's state, lacks what the others are further with, or who
             is waited for does not come.
-        TrainingError: a loss is not finite.
+        TrainingError: a loss is not finite, or what a method returns is no model.
     """
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
@@ -63,23 +66,25 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
 def live(robot: Robot) -> None:
     """All arms of the scenario, or those that are left."""
     scenario, exchange, memory = robot.scenario, robot.exchange, robot.memory
-    robot.meta.listen(scenario.arms)
-    exchange.join(scenario.arms)
+    methods: dict[str, Method] = {arm.name: scenario.method(arm.method) for arm in scenario.arms}
+    robot.meta.listen([arm for arm in scenario.arms if methods[arm.name].stage is not None])
+    exchange.join(served=any(method.partners == "datacenter" for method in methods.values()))
     for index, arm in enumerate(scenario.arms):
         if memory.is_past(arm.name, scenario.arm_names):
             continue
+        method = methods[arm.name]
         weights = memory.start_of(arm.name)
         if weights is None:
-            weights = robot.meta_learn(arm) if arm.method in META_METHODS else robot.initial_weights()
+            weights = robot.initial_weights() if method.stage is None else robot.meta_learn(arm)
             memory.begin(arm.name, weights)
-        exchange.open_arm(arm, neighbourhood_of(scenario, robot.agent, arm.method), 2 * index + 2)
+        here = neighbourhood_of(scenario, robot.agent, method.partners)
+        exchange.open_arm(arm, here, 2 * index + 2, word_of(method))
         if not memory.has_ended(arm.name):
             exchange.announce(2 * index + 1)
             exchange.await_stage(2 * index + 1)
-            if arm.method in SERVED_METHODS:
+            if method.partners == "datacenter":
                 exchange.await_datacenter(2 * index + 1)
-            learn = robot.follow if arm.method == "centralized" else robot.federate
-            learn(arm, weights or robot.initial_weights())
+            robot.learn(arm, method, weights or robot.initial_weights())
         else:
             memory.restore(arm.name, {"exchange": exchange})
         # Neighbours may still ask for the last round's weights again.
@@ -96,22 +101,24 @@ class Robot:
         self.task = here.task
         self.explorer = Explorer(scenario, agent)
         self.memory = Memory(scenario, agent, run, keep, bus.meter)
-        network, settings = build_qnetwork(scenario.network), scenario.meta
-        shapes, tasks = shapes_of(network), settings.training_tasks if settings.heads == "per_task" else ()
+        network = build_qnetwork(scenario)
+        shapes, head = shapes_of(network), head_of(network)
         self.exchange = Exchange(
             bus, run, here, shapes, scenario.bus, scenario.federation, self.memory.rows, codec_of(scenario)
         )
-        self.meta = MetaLink(self.exchange, meta_shapes(shapes, head_of(network), tasks))
+        heads = {name: scenario.method(name).heads(scenario) for name in scenario.meta_methods}
+        self.meta = MetaLink(self.exchange, lambda arm: meta_shapes(shapes, head, heads[method_of(arm)]))
+        for name in scenario.method_names:
+            try_penalty(scenario.method(name))
         self._sent: dict[str, set[int]] = {}
         self._meter = bus.meter
 
     def initial_weights(self) -> Weights:
-        """Random weights, the same for all robots of a cluster, as federated averaging needs."""
-        seed = integer(self.scenario.seed, "initial weights", self.task)
-        return to_weights(build_qnetwork(self.scenario.network, seed))
+        """The same for all robots of a cluster, as federated averaging needs."""
+        return start_weights(self.scenario, self.task)
 
     def meta_learn(self, arm: Arm) -> Weights:
-        """Send experience up while the data center asks for it; return the meta-model that `arm` starts from."""
+        """Send experience up while the data center asks for it; return the model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
         self.explorer.tally = self._meter.tally("maml", method, self.task)
@@ -125,70 +132,54 @@ class Robot:
                     self.exchange.report(self._row("maml", method, round_, begun))
         return start_of(self.meta.await_model(arm, t0), self.task)
 
-    def federate(self, arm: Arm, weights: Weights) -> None:
-        """Federated learning, eq. (6), until the cluster's R reaches the target."""
-        scenario, settings, here = self.scenario, self.scenario.federation, self.exchange.here
-        rng = stream(scenario.seed, arm.name, "learn", self.agent)
+    def learn(self, arm: Arm, method: Method, weights: Weights) -> None:
+        """Learn the task by a method, until the cluster's R reaches the target."""
+        scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
+        neighbourhood = exchange.here
         tally = self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
-        learner = Learner(scenario.network, scenario.learning, weights, rng, self.memory.frames, tally)
-        sharing = sharing_of(arm, self.exchange, scenario, len(here.neighbours))
         may_miss = settings.on_missing == "proceed"
-        ledger = RewardLedger(here.cluster, here.diameter, settings.reward_window, may_miss=may_miss)
-        self.explorer.begin(arm.name, here.cluster)
-        kept: dict[str, Stateful] = {
-            "learner": learner,
-            "explorer": self.explorer,
-            "ledger": ledger,
-            "sharing": sharing,
-            "exchange": self.exchange,
-        }
+        ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
+        here = Here(scenario, self.agent, arm, method, exchange, self.explorer, ledger)
+        way = way_of(here, weights, self.memory.frames, tally)
+        self.explorer.begin(arm.name, neighbourhood.cluster)
+        kept: dict[str, Stateful] = {**way.kept, "explorer": self.explorer, "ledger": ledger, "exchange": exchange}
         round_ = self.memory.restore(arm.name, kept)
         while True:
             round_ += 1
             begun = time.monotonic()
-            samples = self.explorer.collect(learner, scenario.learning.motions_per_round)
-            gradients = learner.learn(scenario.learning.batches_per_round)
-            reward, rmse_m = self.explorer.evaluate(learner)
-
+            gradients = way.learn(round_)
+            reward, measures = self.explorer.evaluate(way.policy)
             ledger.record(self.agent, round_, reward)
-            mine = learner.weights()
-            running = ledger.running_reward(self.agent, round_)
-            header = ModelHeader(
-                task=self.task, agent=self.agent, round=round_, reward=running, samples=samples, rewards=ledger.newest()
-            )
-            for theirs in sharing.share(mine, header):
-                ledger.merge(theirs.rewards)
+            way.meet(round_)
             cluster_reward = ledger.cluster_reward(round_)
             learned = cluster_reward is not None and cluster_reward >= settings.target_reward
             last = learned or round_ >= settings.max_rounds
             if not last:
-                learner.set_weights(sharing.mixed(mine))
-
+                way.go_on()
             row = self._row("fl", arm.name, round_, begun).model_copy(
                 update={
                     "reward": reward,
                     "cluster_reward": cluster_reward,
-                    "rmse_m": rmse_m,
+                    **measured(measures),
                     "gradients": gradients,
                     "learned": learned if last else None,
-                    "missed": self.exchange.missed,
+                    "missed": exchange.missed,
                 }
             )
-            self.exchange.report(row)
+            exchange.report(row)
             if last:
                 break
-            if self.exchange.ahead:
-                round_ = min(self.exchange.ahead, settings.max_rounds - 1)
-                learner.set_weights(self.exchange.catch_up())
+            if exchange.ahead:
+                round_ = min(exchange.ahead, settings.max_rounds - 1)
+                way.policy.set_weights(exchange.catch_up())
             self.memory.save(arm.name, round_, kept)
-        if self.agent == min({*scenario.cluster(self.task)}.difference(self.exchange.missed)):
-            self.exchange.hand_in(encode_saved_model(mine, header, use_of(scenario.network), self.explorer.evaluation))
-        self.memory.save(arm.name, round_, {"exchange": self.exchange}, ended=True)
+        if self.agent == min({*scenario.cluster(self.task)}.difference(exchange.missed)):
+            self._hand_in(*way.learned(round_))
+        self.memory.save(arm.name, round_, {"exchange": exchange}, ended=True)
 
-    def follow(self, arm: Arm, weights: Weights) -> None:
-        """Centralized learning: act by the data center's model."""
-        self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
-        follow(self.scenario, arm, weights, self.exchange, self.explorer, self.memory)
+    def _hand_in(self, weights: Weights, header: ModelHeader) -> None:
+        use, evaluation = use_of(self.scenario), self.explorer.evaluation
+        self.exchange.hand_in(encode_saved_model(weights, header, use, evaluation))
 
     def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:
         return RoundRow.model_validate(
@@ -202,3 +193,10 @@ class Robot:
                 "seconds": round(time.monotonic() - begun, 4),
             }
         )
+
+
+def word_of(method: Method) -> Callable[[str, str, int, int], str]:
+    """The topic of a robot's word of a round: its weights, to whom they are for, or how its episode went."""
+    if method.sends == "experience":
+        return topics.episode
+    return topics.weights_up if method.partners == "datacenter" else topics.weights

@@ -1,0 +1,92 @@
+"""What a scenario says of the landmarks: its tables `[world]` and `[camera]`, and each task's map."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Section
+from jouleswarm.environments.landmarks.maps import Cell, TaskMap, parse_map
+
+CHANNELS = ("red", "green", "blue", "depth")
+ACTION_NAMES = ("forward", "backward", "left", "right")
+
+Landmarks = Annotated[int, Field(ge=1, le=64)]
+CameraPixels = Annotated[int, Field(ge=1, le=4096)]
+Metres = Annotated[float, Field(ge=1e-3, le=1e4)]
+RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6)]  # see common.wire.messages.MAX_REWARD
+
+
+class World(Section):
+    """The landmark grid and how a map becomes a position-reward table."""
+
+    rows: Landmarks = 8
+    cols: Landmarks = 5
+    cell_m: Metres = Field(1.0, description="distance between landmarks, metres")
+    exit_reward: RewardSetting = 80.0
+    path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
+    path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
+    off_path_reward: RewardSetting = Field(
+        -1.5, description="added for each motion away from the nearest path landmark"
+    )
+    obstacle_reward: RewardSetting = -80.0
+    max_motions: int = Field(20, ge=1, le=100_000, description="an episode is truncated after this many motions")
+
+
+class Camera(Section):
+    """The robots' two cameras: RGB and time of flight (5 m range), one frame = (height, width, 4) uint8."""
+
+    width: CameraPixels = 640
+    height: CameraPixels = 480
+    range_m: Metres = 5.0
+    pose_jitter_m: float = Field(0.03, ge=0, le=1e4)
+    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
+    noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
+    frames: str | None = Field(
+        None,
+        max_length=4096,
+        description="folder of recorded pictures in place of drawn ones, FOLDER/ROW-COL/NAME.png with its depth "
+        "beside; relative to the scenario file (see landmarks/pictures.py)",
+    )
+
+
+class Trajectory(Section):
+    """A task's own fields: the path to follow, drawn as a text map (see landmarks/maps.py)."""
+
+    map: str
+    rewards: tuple[RewardSetting, ...] | None = Field(
+        None, description="position-reward table, row by row, in place of the one made from the map"
+    )
+
+
+def world_of(scenario: Scenario) -> World:
+    """The table `[world]`."""
+    return scenario.own("world", World)
+
+
+def camera_of(scenario: Scenario) -> Camera:
+    """The table `[camera]`."""
+    return scenario.own("camera", Camera)
+
+
+def task_map(scenario: Scenario, task: int) -> TaskMap:
+    """The parsed map of a task.
+
+    Raises:
+        ConfigurationError: it is none.
+    """
+    world, fields = world_of(scenario), scenario.task(task).model_extra or {}
+    return parse_map(fields["map"], world.rows, world.cols)
+
+
+def task_rewards(scenario: Scenario, task: int) -> tuple[float, ...] | None:
+    """A task's own position-reward table, row by row; None: as its map makes it."""
+    rewards: tuple[float, ...] | None = (scenario.task(task).model_extra or {})["rewards"]
+    return rewards
+
+
+def shared_obstacles(scenario: Scenario) -> frozenset[Cell]:
+    """Obstacles of every task: only these stand in the one world that all robots see."""
+    return frozenset.intersection(*(task_map(scenario, task.id).obstacles for task in scenario.tasks))

@@ -1,0 +1,145 @@
+"""The meta-learner's state: meta-model, its optimizer, and each training task's target network."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.errors import TrainingError
+from jouleswarm.common.meter.work import TallyOf, nobody
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.seeding import integer, stream
+from jouleswarm.learning.device import compute_device
+from jouleswarm.learning.meta import Params, TensorBatch, make_loss, to_tensors
+from jouleswarm.learning.metamodel import MetaModel
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.replay import Replay
+from jouleswarm.methods.beta import measure_beta
+from jouleswarm.methods.meta import MetaMethod, Rehearsal, Samples
+from jouleswarm.methods.method import Gradients, Replays
+
+
+class MetaStage:
+    """One meta method, round by round, on a CUDA device where there is one."""
+
+    def __init__(self, scenario: Scenario, method: MetaMethod) -> None:
+        self.tally: TallyOf = nobody
+        self._scenario, self._settings, self._method = scenario, scenario.meta, method
+        self._device = compute_device()
+        self._model = build_qnetwork(scenario, integer(scenario.seed, "initial meta-model")).to(self._device)
+        self.meta_model = MetaModel(self._model, method.heads(scenario))
+        self._leaves = dict(self.meta_model.named())
+        self._optimizer = torch.optim.Adam(self._leaves.values(), lr=self._settings.meta_lr, fused=True)
+        self._targets: dict[int, Params] = {
+            task: {name: value.clone() for name, value in self.meta_model.params(task).items()}
+            for task in self._settings.training_tasks
+        }
+
+    def learn(self, round_: int, replays: Replays) -> dict[int, Gradients]:
+        """One round over all training tasks; returns the gradients computed for each.
+
+        B^(a) support and B^(b) query batches of each of a task's robots make B^(a) / inner_steps meta-updates (joint
+        training: one for each batch). Losses and gradients are sums over a task's robots, eqs. (1) and (3), and means
+        over tasks. Random draws depend on seed, round and task only, so that a round resumed is the round undisturbed.
+
+        Raises:
+            TrainingError: a meta-gradient is not finite.
+        """
+        settings, method = self._settings, self._method
+        robots = {task: len(held) for task, held in replays.items()}
+        updates = {
+            task: method.updates(self._draw(task, round_, held), settings.inner_steps) for task, held in replays.items()
+        }
+        for update in zip(*updates.values(), strict=True):
+            self.meta_model.zero_gradients()
+            for task, samples in zip(updates, update, strict=True):
+                gradient, adapted = method.gradient(self._rehearsal(task, samples))
+                done = self._counts(robots[task] * len(samples.support), robots[task] * len(samples.query))
+                self.tally(task).gradients(done.support, done.query)
+                self.meta_model.add_gradient(task, gradient, 1 / len(updates))
+                torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), settings.target_polyak)
+            self._update(round_)
+        return {
+            task: self._counts(count * settings.support_batches, count * settings.query_batches)
+            for task, count in robots.items()
+        }
+
+    def beta(self) -> float:
+        """See `methods.method.Stage`; timed on made-up batches."""
+        if not self._method.exact:
+            return 1.0
+        return measure_beta(self._scenario, self._method.inner(self._model)).beta_time
+
+    def weights(self) -> dict[str, npt.NDArray[np.float32]]:
+        """A copy of the meta-model's parameters, as it goes down (see `MetaModel.weights`)."""
+        return self.meta_model.weights()
+
+    def state(self) -> State:
+        """See `common.disk.state.Stateful`."""
+        state = {f"model/{name}": value.detach() for name, value in self._leaves.items()}
+        for task, target in self._targets.items():
+            state |= {f"target/{task}/{name}": value for name, value in target.items()}
+        for name, leaf in self._leaves.items():
+            state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
+        return State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        found = {name: torch.from_numpy(np.array(array)) for name, array in state.arrays.items()}
+        for task, target in self._targets.items():
+            for name, value in target.items():
+                value.copy_(found[f"target/{task}/{name}"])
+        for name, leaf in self._leaves.items():
+            with torch.no_grad():
+                leaf.copy_(found[f"model/{name}"])
+            moments = {key: found[f"adam/{name}/{key}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+            self._optimizer.state[leaf] = {
+                key: value.to(leaf.device) if key == "step" else torch.empty_like(leaf).copy_(value)
+                for key, value in moments.items()
+            }
+
+    def _counts(self, support: int, query: int) -> Gradients:
+        """Batches as gradients: Reptile's and joint training's are all of one kind."""
+        return Gradients(support + query) if self._method.plain else Gradients(support, query)
+
+    def _rehearsal(self, task: int, samples: Samples) -> Rehearsal:
+        learning = self._scenario.learning
+        of_batch = make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
+
+        def loss(params: Params, sample: tuple[TensorBatch, ...]) -> Tensor:
+            return functools.reduce(operator.add, (of_batch(params, batch) for batch in sample))
+
+        params, inner = self.meta_model.params(task), self._method.inner(self._model)
+        return Rehearsal(params, samples, loss, self._settings.inner_lr, learning.grad_clip, inner)
+
+    def _draw(self, task: int, round_: int, replays: Mapping[int, Replay]) -> Samples:
+        settings = self._settings
+        rng = stream(self._scenario.seed, "meta", "batches", task, round_)
+        support, query = [], []
+        for replay in replays.values():
+            # A robot adapts on what it has just seen, so that is what the adaptation is rehearsed on.
+            newest = settings.support_newest
+            support.append([replay.sample(settings.batch_size, rng, newest) for _ in range(settings.support_batches)])
+            query.append([replay.sample(settings.batch_size, rng) for _ in range(settings.query_batches)])
+        on_device = [
+            [
+                tuple(to_tensors(each, self._model, self._device) for each in sample)
+                for sample in zip(*drawn, strict=True)
+            ]
+            for drawn in (support, query)
+        ]
+        return Samples(*on_device)
+
+    def _update(self, round_: int) -> None:
+        leaves = list(self._leaves.values())
+        norm = torch.nn.utils.clip_grad_norm_(leaves, self._scenario.learning.grad_clip, foreach=True)
+        if not torch.isfinite(norm):
+            raise TrainingError(f"meta-gradient of round {round_} is not finite; lower meta.inner_lr or meta.meta_lr")
+        self._optimizer.step()
