@@ -129,6 +129,7 @@ class Scenario(Problem):
             *((("networks", build),) if build is not None else ()),
             *(("methods", name) for name in self.methods),
             ("codecs", self.federation.codec),
+            ("codecs", self.meta.experience_codec),
         )
 
     @property

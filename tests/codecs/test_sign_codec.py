@@ -16,7 +16,7 @@ from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes
 from jouleswarm.common.wire.types import Weights
-from jouleswarm.methods.consensus import default_step, mix
+from jouleswarm.methods.mixing import default_step, mix
 from jouleswarm.runs.sizes import weights_bytes
 
 ROOT = Path(__file__).parents[2]
