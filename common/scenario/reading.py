@@ -97,7 +97,7 @@ def scenario_from(
         scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
-    if misfit := next(misfits(scenario), None):
+    if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun
         raise ConfigurationError(f"scenario {where}: {misfit}")
     try:
         for kind in dict(scenario.named):

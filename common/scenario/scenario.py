@@ -30,7 +30,7 @@ class Scenario(Problem):
 
     seed: int = Field(1, ge=0, le=2**63 - 1)
     methods: tuple[str, ...] = ("maml", "fl")
-    robots: tuple[Robot, ...] = Field((), max_length=1000)
+    robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
     learning: Learning = Learning()
     federation: Federation = Federation()
     meta: Meta = Meta()

@@ -64,7 +64,7 @@ class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes a
 class Robot(Section):
     """What one robot has of its own, by its number: robots are numbered from 1 in the order of the tasks."""
 
-    id: Id
+    id: Id = Field(description="its number: robots are numbered from 1 in the order of the tasks")
     motions_per_round: Motions | None = Field(None, description="|E_ik|; default its task's")
     batches_per_round: Batches | None = Field(None, description="B_ik; default its task's")
 

@@ -48,13 +48,16 @@ def rounds_table(run: Run) -> TextTable:
 
 
 def rewards_table(run: Run) -> TextTable:
-    """Running reward and path error of each task."""
+    """Running reward of each task, and path error where there is a path."""
+    results = {name: run.results[arm] for arm, name in labels(run.scenario).items()}
+    has_path = any(each.rmse_m is not None for found in results.values() for each in found)
     rows = []
-    for arm, name in labels(run.scenario).items():
-        cells = [f"{number_text(each.reward)}/{number_text(each.rmse_m, 2)}" for each in run.results[arm]]
+    for name, found in results.items():
+        errors = [f"/{number_text(each.rmse_m, 2)}" if has_path else "" for each in found]
+        cells = [number_text(each.reward) + error for each, error in zip(found, errors, strict=True)]
         rows.append([name, *cells])
     headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
-    return TextTable("At the end: running reward R/path error (RMSE in m)", headings, rows)
+    return TextTable("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
 
 
 def totals_table(run: Run, energy: Energy) -> TextTable:

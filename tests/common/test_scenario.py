@@ -84,7 +84,7 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"tasks": [{"id": 1}]}, "tasks.0.map: Field required"),
         ({"methods": []}, "methods: name each method once"),
         ({"methods": ["maml", "maml"]}, "methods: name each method once"),
-        ({"methods": ["reptil"]}, "method 'reptil': expected anil, .*, or module:name; did you mean reptile"),
+        ({"methods": ["reptil"]}, "method 'reptil': expected anil, .* or module:name; did you mean reptile"),
         ({"meta": {"t0": 0, "training_tasks": [1]}}, "meta.t0 is 0, expected 1 or more"),
         ({"meta": {"training_tasks": [1, 2]}}, r"meta.training_tasks \(1, 2\) are not all among the tasks \[1, 4\]"),
         ({"meta": {"t0": 3, "snapshots": [2, 4], "training_tasks": [1]}}, "snapshots .* reach past meta.t0 = 3"),

@@ -112,7 +112,8 @@ def test_it_waits_for_the_counters_of_every_process(table: Table) -> None:
 
 
 def test_an_arm_without_meta_learning_has_no_data_center_to_wait_for(scenario: Scenario, tmp_path: Path) -> None:
-    table = Table(scenario.model_copy(update={"methods": ("fl",)}), tmp_path / "run")
+    plain = scenario_from({**scenario.model_dump(mode="json"), "methods": ["fl"]}, "test")
+    table = Table(plain, tmp_path / "run")
     assert sorted(table.recorder.waiting_for) == ["agent-1", "agent-2"]
 
 

@@ -164,8 +164,7 @@ def heights(axes: Axes) -> list[float]:
 def test_encodings_are_one_figure_of_what_they_change(tmp_path: Path, scenario: Scenario) -> None:
     facts = [fact for variant in ("base", "weights=int8") for fact in pair_of_arms(variant, 1, 10, 20)]
     groups = {"weights": {"float32": "base", "int8": "weights=int8"}, "experience": {"raw": "base"}}
-    energy = scenario.energy
-    rounds, gbit, kilojoules, *below = codecs_figure(facts, energy, groups).axes
+    rounds, gbit, kilojoules, *below = codecs_figure(facts, scenario, groups).axes
     # Six tasks of 10 + task rounds (81), two neighbours of 5.6 MB a round, and 12 x 5.6 MB down; 141 rounds without.
     assert heights(gbit)[:2] == pytest.approx([(81 * 2 + 12) * 0.0448] * 2)
     assert heights(gbit)[2:] == pytest.approx([141 * 2 * 0.0448] * 2)
