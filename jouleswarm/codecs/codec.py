@@ -84,9 +84,10 @@ def open_codec(name: str, scenario: Scenario) -> Codec:
 
 def share_of(codec: Codec) -> float:
     """Share of the entries that a message tells."""
-    return float(getattr(codec, "share", 1.0))
+    share: float = getattr(codec, "share", 1.0)
+    return share
 
 
 def is_whole(codec: Codec, tensors: Tensors, shapes: Shapes) -> bool:
     """Whether a message can be read without a base."""
-    return layout_of(tensors) == codec.layout(shapes, whole=True)
+    return layout_of(tensors) == codec.layout(shapes, True)

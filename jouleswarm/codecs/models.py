@@ -28,7 +28,7 @@ def encoded(codec: Codec, weights: Tensors, base: Weights | None) -> Tensors:
     """
     shapes = {name: tensor.shape for name, tensor in weights.items()}
     try:
-        layout, tensors = codec.layout(shapes, base is None), called(codec, "encode", weights, base)
+        layout, tensors = called(codec, "layout", shapes, base is None), called(codec, "encode", weights, base)
     except PayloadError as error:
         raise TrainingError(str(error)) from error
     if not isinstance(tensors, dict) or not all(isinstance(each, np.ndarray | np.generic) for each in tensors.values()):
@@ -73,7 +73,7 @@ def read_model(payload: Payload, shapes: Shapes, codec: Codec) -> tuple[Tensors,
     Raises:
         PayloadError: as `common.wire.models.read_tensors`, or differences in a first round.
     """
-    whole, differences = codec.layout(shapes, whole=True), codec.layout(shapes, whole=False)
+    whole, differences = codec.layout(shapes, True), codec.layout(shapes, False)
 
     def check(tensors: Tensors, header: ModelHeader) -> None:
         if header.round <= 1 and not is_whole(codec, tensors, shapes):
@@ -109,7 +109,7 @@ def builds_on_base(codec: Codec) -> bool:
 
 def _looks_alike(codec: Codec, shapes: Shapes) -> bool:
     """Whether messages with a base and without one cannot be told apart."""
-    return codec.layout(shapes, whole=True) == codec.layout(shapes, whole=False)
+    return codec.layout(shapes, True) == codec.layout(shapes, False)
 
 
 def _checked(codec: Codec, weights: Any, shapes: Shapes) -> Weights:

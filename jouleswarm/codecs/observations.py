@@ -32,7 +32,7 @@ def experience_codec_of(scenario: Scenario) -> Codec:
 
 def experience_bytes(codec: Codec, shown: Observation) -> int | None:
     """Bytes of one motion's observation on the uplink, header apart; None where they vary."""
-    layout = codec.layout({FRAME: shown.shape}, whole=True)
+    layout = codec.layout({FRAME: shown.shape}, True)
     return None if _varying(layout) else layout_bytes(layout)
 
 
@@ -63,7 +63,7 @@ def decode_observation(
 ) -> tuple[Array, MotionHeader]:
     """As `decode_experience`, with the observation as the codec gives it: as `shown` or as `kept`."""
     shapes = {FRAME: shown.shape}
-    layout = _as_long_as(payload, codec.layout(shapes, whole=True), 2 * shown.nbytes + 4096)
+    layout = _as_long_as(payload, codec.layout(shapes, True), 2 * shown.nbytes + 4096)
     tensors, header = decode_tensors(payload, [layout], MotionHeader, "motion")
     try:
         if (header.codec or RAW) != codec.name:

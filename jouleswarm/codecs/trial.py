@@ -54,10 +54,8 @@ def try_weights(scenario: Scenario) -> None:
 def try_experience(scenario: Scenario) -> None:
     """Try the codec of experience, as `try_codecs`, with an observation of random values."""
     codec, named, shown = experience_codec_of(scenario), scenario.meta.experience_codec, scenario.spaces.observation
-    observation, header = (
-        _drawn(shown),
-        MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0.0, first=True, terminated=False),
-    )
+    header = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0.0, first=True, terminated=False)
+    observation = _drawn(shown)
     with _told_of(codec, named), np.errstate(all="ignore"):
         _introduce(codec, named)
         _look_at(codec, {FRAME: shown.shape}, whole=True, least=-1)
@@ -96,8 +94,9 @@ def _introduce(codec: Codec, named: str) -> None:
         raise ConfigurationError(f"its name is {name!r}, which is another codec's; expected one of its own")
     if not isinstance(codec.lossless, bool):
         raise ConfigurationError(f"lossless is {codec.lossless!r}, expected True or False")
-    if not 0 < share_of(codec) <= 1:
-        raise ConfigurationError(f"share is {share_of(codec):g}, expected more than 0, 1 at most")
+    share: Any = share_of(codec)
+    if not isinstance(share, int | float) or not 0 < share <= 1:
+        raise ConfigurationError(f"share is {share!r}, expected more than 0, 1 at most")
 
 
 def _look_at(codec: Codec, shapes: Shapes, whole: bool, least: int) -> None:

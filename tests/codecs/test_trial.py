@@ -66,6 +66,7 @@ WRONG = {
     "a name that headers hold": (changed('"mine"', "'x' * 33"), "its name is 'xxxxxxxxx"),
     "yes or no": (changed("False", "'no'"), "lossless is 'no', expected True or False"),
     "a share": (changed("    def layout", "    share = 2\n    def layout"), "share is 2, expected more than 0"),
+    "a share that is a number": (changed("    def layout", "    share = 'all'\n    def layout"), "share is 'all'"),
     "a dtype of the wire": (changed('"F32"', '"float32"'), "layout gives {{'0.bias': ('float32', (3,)), "),
     "a size that is known": (changed("shape) for", "(-1,)) for"), "layout gives {{'0.bias': ('F32', (-1,)), "),
     "no layout": (changed('{key: ("F32", shape) for key, shape in shapes.items()}', "[*shapes]"), "layout gives ["),
@@ -136,8 +137,8 @@ def test_a_message_with_nothing_to_tell_is_tried_too(tmp_path: Path) -> None:
     assert scenario_with(tmp_path, relative.replace("abs(v).max()", "max(abs(v).max(), np.float32(1e-9))"))
 
 
-def test_a_codec_that_keeps_what_it_promises_is_opened(tmp_path: Path) -> None:
-    codec = codec_of(scenario_with(tmp_path, GOOD))
+def test_a_codec_that_keeps_what_it_promises_is_opened_whatever_it_calls_what_it_gets(tmp_path: Path) -> None:
+    codec = codec_of(scenario_with(tmp_path, changed("whole", "first").replace("shapes", "sizes")))
     weights = {"w": np.array([1.5, -2.0], np.float32)}
     assert codec.decode(codec.encode(weights, None), {"w": (2,)}, None)["w"].tolist() == [1.5, -2.0]
 
