@@ -77,6 +77,8 @@ class Exchange:
         self._subscriptions: list[str] = []
         self._gathered = 0
         self._is_back = False
+        self.may_have_missed = True
+        """Whether others may have said something to a robot that is back, for which it asks at once."""
         self.awaited_round = 0
         """Of the open arm, that others are waited for; 0: none."""
         self._listener = Listener(bus, settings.resend_after_s, Patience(bus, run, federation.give_up_after_s))
@@ -161,7 +163,7 @@ class Exchange:
         `end_stage`: of robots that are done with the arm; `says`: the topic of this robot's word of a round.
         """
         run = self.run
-        self.here, self._end_stage, self._ahead = here, end_stage, {}
+        self.here, self._end_stage, self._ahead, self.may_have_missed = here, end_stage, {}, True
         self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
         self.encoder = WeightsEncoder(self.codec)
         self._decoders = {each: self.decoder() for each in here.neighbours}
@@ -211,7 +213,7 @@ class Exchange:
             lambda: not waited_for(),
             lambda: f"round {round_} of robots {missing()}",
             ask,
-            at_once=self._is_back,
+            at_once=self._is_back and self.may_have_missed,
             whom=lambda: names(waited_for()),
         )
         self.awaited_round = 0

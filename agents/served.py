@@ -89,8 +89,8 @@ class ServerLink:
     def _until(
         self, condition: Callable[[], bool], what: str, ask: Callable[[], None], whom: Callable[[], list[str]]
     ) -> None:
-        self._exchange.awaited_round = self._round
-        self._exchange.until(condition, lambda: what, ask, at_once=self._is_back, whom=whom)
+        self._exchange.awaited_round, at_once = self._round, self._is_back and self._exchange.may_have_missed
+        self._exchange.until(condition, lambda: what, ask, at_once=at_once, whom=whom)
         self._exchange.awaited_round = 0
 
     def state(self) -> State:

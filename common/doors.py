@@ -57,7 +57,10 @@ SHIPPED: dict[Kind, dict[str, str]] = {
         "png": "jouleswarm.codecs.png:Png",
         "resized": "jouleswarm.codecs.resized:Resized",
     },
-    "prices": {},
+    "prices": {
+        "literal": "jouleswarm.energy.literal:literal",
+        "published": "jouleswarm.energy.published:published",
+    },
 }
 
 CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}

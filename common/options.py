@@ -34,6 +34,15 @@ VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="
 KeepStateOption = Annotated[
     bool, typer.Option("--keep-state", envvar="JOULESWARM_KEEP_STATE", help="Leave the --state folder at the end too.")
 ]
+KeepEndsOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-ends",
+        envvar="JOULESWARM_KEEP_ENDS",
+        help="Keep in the --state folder how each arm ends: started again with more rounds "
+        "(federation.max_rounds, target_reward) it goes on from there.",
+    ),
+]
 OtherProcessorOption = Annotated[
     bool,
     typer.Option(

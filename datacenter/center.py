@@ -95,8 +95,10 @@ class DataCenter:
 
     def checkpoint(self, phase: str, arm: str, name: str, keep: Keep) -> Checkpoint:
         """Of a method's stage, or of an arm's service."""
-        folder = self._state / name if self._state else None
-        return Checkpoint(folder, owner_of(self.scenario, self.run, arm), (phase, arm), durable=keep.durable)
+        folder, limits = self._state / name if self._state else None, self.scenario.federation
+        until = f"{limits.max_rounds} rounds, {limits.target_reward}" if keep.ends and phase == "fl" else None
+        owner = owner_of(self.scenario, self.run, arm)
+        return Checkpoint(folder, owner, (phase, arm), durable=keep.durable, until=until)
 
     def train(self, method: str, checkpoint: Checkpoint) -> None:
         """Collect experience and train for t0 rounds, send models down, stay until all robots have them."""
@@ -157,7 +159,7 @@ class DataCenter:
         for task in scenario.clusters:
             if found := checkpoint.load(f"task-{task}"):
                 service.load_state(task, found[1].part("service"))
-                desk.load_state(task, found[1].part("desk"))
+                desk.load_state(task, found[1].part("desk"), may_have_missed=not checkpoint.was_finished)
         desk.listen()
         # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
         self.identity.announce(opened)

@@ -21,7 +21,11 @@ class Problem(Section):
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9_.-]+$",
+        max_length=200,
+        description="of the run on the bus, and the beginning of its folder's",
+    )
     environment: str = Field(
         LANDMARKS, max_length=200, description="landmarks, cartpole, minigrid, module:factory or a Gymnasium id"
     )

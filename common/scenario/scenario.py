@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
 from jouleswarm.common.errors import ConfigurationError
@@ -20,22 +21,26 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
     "energy": True,
     "bus": True,
-    "federation": {"give_up_after_s"},
+    "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
-"""Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
+"""Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for
+how long."""
 
 
 class Scenario(Problem):
     """A whole experiment. Build one with `load_scenario`."""
 
-    seed: int = Field(1, ge=0, le=2**63 - 1)
-    methods: tuple[str, ...] = ("maml", "fl")
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="of everything that is drawn: same seed, same bits")
+    methods: tuple[str, ...] = Field(
+        ("maml", "fl"), description="ways to learn, one after the other: words of docs/methods.md, or module:Class"
+    )
     robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
     learning: Learning = Learning()
     federation: Federation = Federation()
     meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
+    _prices_folder: Path | None = PrivateAttr(None)
 
     @field_validator("methods")
     @classmethod
@@ -91,8 +96,8 @@ class Scenario(Problem):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
-        if not self.files:
-            self._folder = None  # two scenarios are equal wherever they were read from
+        if not self.files and not any(":" in name for _, name in self.named):
+            self._folder = self._prices_folder = None  # two scenarios are equal wherever they were read from
         return self
 
     def _check_methods(self) -> None:
@@ -130,12 +135,16 @@ class Scenario(Problem):
             *(("methods", name) for name in self.methods),
             ("codecs", self.federation.codec),
             ("codecs", self.meta.experience_codec),
+            *(("prices", name) for name in self.energy.prices),
         )
 
     @property
     def files(self) -> dict[str, Path]:
         """Files of the user's own, by their names: what comes in by doors, and what else the scenario names."""
-        found = (file_of(name, self._folder) for _, name in self.named)
+        return self._files(self.named)
+
+    def _files(self, named: Iterable[tuple[Kind, str]]) -> dict[str, Path]:
+        found = (file_of(name, self._folder_of(kind, name)) for kind, name in named)
         paths = [*(path for path in found if path is not None), *map(self.beside, self.named_files)]
         return {path.name: path for path in paths}
 
@@ -164,15 +173,40 @@ class Scenario(Problem):
         return {name: digest(path) for name, path in sorted(self.files.items())}
 
     @property
+    def learned_by(self) -> dict[str, str]:
+        """Those of `digests` that what is learned depends on: all but price lists."""
+        files = self._files((kind, name) for kind, name in self.named if kind != "prices")
+        return {name: found for name, found in self.digests.items() if name in files}
+
+    @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
         beside = getattr(self.factory, "digest", lambda scenario: "")(self)
-        return settings + (json.dumps(digests) if (digests := self.digests) else "") + beside
+        return settings + (json.dumps(digests) if (digests := self.learned_by) else "") + beside
 
     def open(self, kind: Kind, name: str) -> Any:
-        """What goes by a name of the scenario's (see `common.doors.enter`)."""
-        return enter(kind, name, self._folder)
+        """What goes by a name of the scenario's (see `common.doors.enter`), the same however its file changes."""
+        if (kind, name) not in self.opened:
+            self.opened[kind, name] = enter(kind, name, self._folder_of(kind, name))
+        return self.opened[kind, name]
+
+    def at(self, energy: Energy, prices_folder: Path | None) -> Self:
+        """The same at other prices; price lists are looked for in `prices_folder` first, if there is one."""
+        other = self.model_copy(update={"energy": energy})
+        other._prices_folder = prices_folder
+        vars(other)["opened"] = {key: found for key, found in self.opened.items() if key[0] != "prices"}
+        return other
+
+    @cached_property
+    def opened(self) -> dict[tuple[Kind, str], Any]:
+        """What has been opened so far."""
+        return {}
+
+    def _folder_of(self, kind: Kind, name: str) -> Path | None:
+        """The folder in which a name's file is looked for."""
+        first = self._prices_folder if kind == "prices" else None
+        return self._folder if file_of(name, first) is None else first
 
     @cached_property
     def _kinds(self) -> tuple[type[AnyMethod], ...]:
@@ -275,5 +309,6 @@ class Scenario(Problem):
 
     @property
     def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up."""
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in self.meta.training_tasks}
+        """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
+        tasks = (task for task in self.meta.training_tasks if task in self.clusters)
+        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}

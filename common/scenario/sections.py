@@ -49,12 +49,19 @@ class Section(BaseModel):
         return value
 
 
+def each_once(values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """`values`, if no two are alike."""
+    if len(set(values)) != len(values):
+        raise ValueError(f"got {list(values)}, expected each once")
+    return values
+
+
 class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes any other field as well
     """One task: what its environment is made with. An environment may have fields of its own beside these."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    id: Id
+    id: Id = Field(description="its number, in topics and tables")
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
     motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
     batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
@@ -77,7 +84,7 @@ class Network(Section):
     )
     kwargs: dict[str, Any] = Field({}, description="for a network of your own")
     width: NetworkPixels | None = Field(None, description="images are shrunk to this; default as they are")
-    height: NetworkPixels | None = None
+    height: NetworkPixels | None = Field(None, description="the same")
     conv: tuple[tuple[Channels, Kernel, Kernel], ...] = Field(
         ((32, 8, 4), (64, 4, 2), (64, 3, 1)), max_length=32, description="(channels, kernel, stride) of each layer"
     )
@@ -92,15 +99,15 @@ class Learning(Section):
 
     discount: Fraction = Field(0.99, description="nu")
     double: bool = Field(True, description="double learning: argmax by the online network")
-    optimizer: Literal["adam", "sgd"] = "adam"
-    lr: LearningRate = 1e-3
+    optimizer: Literal["adam", "sgd"] = Field("adam", description="of the robots' gradient steps")
+    lr: LearningRate = Field(1e-3, description="its step size")
     adam_eps: float = Field(1e-4, ge=1e-37, le=1e3, description="Adam's epsilon: damps steps where gradients are small")
-    grad_clip: float = Field(1.0, ge=1e-6, le=1e9)
-    batch_size: BatchSize = 32
+    grad_clip: float = Field(1.0, ge=1e-6, le=1e9, description="gradients longer than this are shortened to it")
+    batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     batches_per_round: Batches = Field(20, description="B_i")
     motions_per_round: Motions = Field(20, description="|E_ik|, new transitions a round")
-    epsilon: Fraction = 0.1
-    replay_size: Frames = 2000
+    epsilon: Fraction = Field(0.1, description="share of random actions while robots collect")
+    replay_size: Frames = Field(2000, description="observations that a robot remembers")
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
     init: str | None = Field(
@@ -123,7 +130,7 @@ class Learning(Section):
 class Federation(Section):
     """Decentralized federated averaging inside a cluster, eq. (6)."""
 
-    robots_per_cluster: Robots = 2
+    robots_per_cluster: Robots = Field(2, description="robots that learn a task together")
     topology: str = Field("full", description="full, ring, random, or a file of the graph's edges: NAME.csv")
     degree: Robots = Field(2, description="neighbours of each robot under the random topology")
     step: float | None = Field(
@@ -156,8 +163,8 @@ class Federation(Section):
         description="a wait ends the run, by name, when who is waited for has not answered for so long or has itself "
         "waited so long for nothing; 0: never. Longer than the longest round takes on the slowest machine",
     )
-    max_rounds: Rounds = 200
-    target_reward: float = Field(50.0, ge=-1e9, le=1e9)
+    max_rounds: Rounds = Field(200, description="an arm that has not learned a task by then ends")
+    target_reward: float = Field(50.0, ge=-1e9, le=1e9, description="R at which a task is learned")
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
 
     @field_validator("topology")
@@ -192,13 +199,13 @@ class Meta(Section):
         1, description="SGD steps, one support batch each, before a meta-update: B^(a) / this meta-updates a round"
     )
     support_newest: Frames = Field(5000, description="support batches are drawn from so many newest motions")
-    batch_size: BatchSize = 32
+    batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     inner_lr: LearningRate = Field(0.03, description="mu; gradients are clipped to learning.grad_clip before")
     meta_lr: LearningRate = Field(1e-3, description="eta, of Adam")
     target_polyak: Share = Field(0.1, description="per-task target network tracking, each meta-update")
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
-    replay_size: Frames = 5000
+    replay_size: Frames = Field(5000, description="observations that the data center remembers of each training robot")
     experience_codec: str = Field(
         "raw",
         min_length=1,
@@ -208,17 +215,19 @@ class Meta(Section):
         "bit; or module:Class (see docs/doors.md)",
     )
 
-    @field_validator("training_tasks", "snapshots", "adapt_from")
-    @classmethod
-    def _each_once(cls, values: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError(f"got {list(values)}, expected each once")
-        return values
+    _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
 
 
 class Energy(Section):
-    """Constants of the energy model (Table I). kb = 1000 bit."""
+    """Price lists, and the constants of the energy model (Table I). kb = 1000 bit."""
 
+    prices: tuple[str, ...] = Field(
+        ("literal", "published"),
+        min_length=1,
+        max_length=20,
+        description="price lists: literal (the equations), published (what the printed totals come to a round), or "
+        "module:Class, a list of one's own (see docs/doors.md)",
+    )
     p0_w: Watts = Field(590.0, description="P_0, data center power")
     t0_batch_s: BatchSeconds = Field(0.020, description="T_0, data center time of one batch gradient")
     pk_w: Watts = Field(5.1, description="P_k, robot power")
@@ -227,12 +236,16 @@ class Energy(Section):
     beta: BetaFactor | Literal["measured"] = Field(
         1.0, description="cost of an exact meta-gradient over a first-order one, or: measured by the data center"
     )
-    ul_bit_per_j: Efficiency = 200e3
-    sl_bit_per_j: Efficiency = 500e3
+    ul_bit_per_j: Efficiency = Field(200e3, description="uplink efficiency E_UL, bit/J")
+    sl_bit_per_j: Efficiency = Field(500e3, description="sidelink efficiency E_SL, bit/J")
     dl_bit_per_j: Efficiency | None = Field(None, description="default: as uplink (the paper gives none)")
-    sidelink: Literal["direct", "via_base_station"] = "direct"
+    sidelink: Literal["direct", "via_base_station"] = Field(
+        "direct", description="between robots, or up to the base station and down again, eq. (11)'s remark"
+    )
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
+
+    _each_once = field_validator("prices")(each_once)
 
 
 class Bus(Section):

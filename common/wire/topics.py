@@ -207,6 +207,12 @@ def task_of(topic: str) -> str:
     return topic.split("/", 5)[4]
 
 
+def agent_of(topic: str) -> str:
+    """The level of an experience or weights topic that holds its robot's id; "" where there is none."""
+    levels = topic.split("/", 6)
+    return levels[5] if len(levels) > 6 else ""
+
+
 def phase_of(topic: str) -> str:
     """Learning phase that a metered topic's bytes belong to: maml (a stage before), fl (all other learning) or control.
 

@@ -25,9 +25,16 @@ def keep(found: Any, what: str) -> None:
     """
     if not (isinstance(found, type) and issubclass(found, Method)):
         got = f"class {found.__name__}" if isinstance(found, type) else f"{type(found).__name__} {found!r:.60}"
-        raise ConfigurationError(f"{what}: got {got}, expected a class that extends jouleswarm.methods.method.Method")
-    if not is_shipped(found) and (wrong := _wrong(found)):
+        raise ConfigurationError(f"{what}: got {got}, expected a class that extends jouleswarm.Method")
+    if is_shipped(found):
+        return
+    if wrong := _wrong(found):
         raise ConfigurationError(f"{what}: {wrong}")
+    try:
+        found()
+    except Exception as error:  # whatever a class of the user's does
+        told = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ConfigurationError(f"{what}: cannot be made without arguments: {told}") from error
 
 
 def is_shipped(kind: type[Method]) -> bool:

@@ -16,31 +16,41 @@ from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import integer, stream
+from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.device import compute_device
 from jouleswarm.learning.meta import Params, TensorBatch, make_loss, to_tensors
 from jouleswarm.learning.metamodel import MetaModel
 from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.replay import Replay
+from jouleswarm.learning.start import saved_start
 from jouleswarm.methods.beta import measure_beta
-from jouleswarm.methods.meta import MetaMethod, Rehearsal, Samples
 from jouleswarm.methods.method import Gradients, Replays
+from jouleswarm.methods.rehearsal import MetaRule, Rehearsal, Samples
 
 
 class MetaStage:
     """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(self, scenario: Scenario, method: MetaMethod) -> None:
+    def __init__(self, scenario: Scenario, method: MetaRule) -> None:
         self.tally: TallyOf = nobody
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = compute_device()
         self._model = build_qnetwork(scenario, integer(scenario.seed, "initial meta-model")).to(self._device)
         self.meta_model = MetaModel(self._model, method.heads(scenario))
         self._leaves = dict(self.meta_model.named())
+        if (saved := saved_start(scenario)) is not None:
+            self._begin_from(saved)
         self._optimizer = torch.optim.Adam(self._leaves.values(), lr=self._settings.meta_lr, fused=True)
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()}
             for task in self._settings.training_tasks
         }
+
+    def _begin_from(self, saved: Weights) -> None:
+        """A model of an earlier run; a head that it does not have begins as the network's own last layer."""
+        for name, leaf in self._leaves.items():
+            with torch.no_grad():
+                leaf.copy_(torch.from_numpy(saved[name if name in saved else name.partition("/")[2]]))
 
     def learn(self, round_: int, replays: Replays) -> dict[int, Gradients]:
         """One round over all training tasks; returns the gradients computed for each.

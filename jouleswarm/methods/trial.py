@@ -22,17 +22,38 @@ def try_methods(scenario: Scenario) -> None:
     Raises:
         ConfigurationError: one fails, or returns what is no model of the same shapes, float32 and finite.
     """
-    for named, name in zip(scenario.methods, scenario.method_names, strict=True):
-        kind = type(scenario.method(name))
-        if not is_shipped(kind):
+    for named, method in zip(scenario.methods, methods_of(scenario), strict=True):
+        if not is_shipped(type(method)):
             try:
-                _try(kind)
+                _try(type(method))
             except ConfigurationError as error:
                 raise ConfigurationError(f"method {named!r}: {error}") from error
 
 
+def methods_of(scenario: Scenario) -> list[Method]:
+    """An object of each of a scenario's methods."""
+    return [scenario.method(name) for name in scenario.method_names]
+
+
+def needs_learning(method: Method) -> bool:
+    """Whether it is of the user's own, and adds to what is learned with PyTorch: `try_learning` tries that."""
+    return not is_shipped(type(method)) and (method.own_penalty is not None or method.stage is not None)
+
+
+def try_learning(scenario: Scenario) -> None:
+    """Try penalties and stages of the user's own. Loads PyTorch: for a process of its own, and those that learn.
+
+    Raises:
+        ConfigurationError: one fails, or returns what it must not.
+    """
+    for method in filter(needs_learning, methods_of(scenario)):
+        try_penalty(method)
+        if method.stage is not None:
+            _try_stage(scenario, method)
+
+
 def try_penalty(method: Method) -> None:
-    """Try a penalty of the method's own. Loads PyTorch, so it is done by who starts processes, and by who learns.
+    """Try a penalty of the method's own, on small random parameters.
 
     Raises:
         ConfigurationError: it fails, or returns neither a number nor a finite tensor without dimensions.
@@ -53,9 +74,20 @@ def try_penalty(method: Method) -> None:
         raise ConfigurationError(f"{what}: got {got}, expected one finite number: a tensor without dimensions, or 0.0")
 
 
+def _try_stage(scenario: Scenario, method: Method) -> None:
+    from jouleswarm.learning.heads import head_of, meta_shapes
+    from jouleswarm.learning.networks import build_qnetwork, shapes_of
+
+    assert method.stage is not None
+    what, make, network = f"method {method.name!r}: its stage", method.stage, build_qnetwork(scenario)
+    stage = _call(lambda: make(scenario), what)
+    shapes = meta_shapes(shapes_of(network), head_of(network), method.heads(scenario))
+    if wrong := unfit(_call(stage.weights, f"{what}: weights"), shapes):
+        raise ConfigurationError(f"{what}: weights: {wrong}")
+
+
 def _try(kind: type[Method]) -> None:
     rng = np.random.default_rng(0)
-    _call(kind, "a call without arguments")
     for partners in (1, 3):
         agents = (DATACENTER,) if kind.partners == "datacenter" else tuple(range(2, 2 + partners))
         theirs = {agent: Update(read_only(_weights(rng)), 10 * agent + 10, 1) for agent in agents}
@@ -88,7 +120,7 @@ def _call(function: Callable[[], Any], what: str) -> Any:
         return function()
     except Exception as error:  # whatever a function of the user's does
         told = " ".join(str(error).split())
-        raise ConfigurationError(f"{what} failed on small random weights: {type(error).__name__}: {told}") from error
+        raise ConfigurationError(f"{what} failed when it was tried: {type(error).__name__}: {told}") from error
 
 
 def _weights(rng: np.random.Generator) -> Weights:

@@ -17,7 +17,7 @@ from jouleswarm.common.scenario.arms import method_of, snapshot_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.energy.bill import Counts, StageCounts
+from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.runs.lost_work import lost_counts
 from jouleswarm.runs.traffic import Measure, sent_bytes, traffic
 
@@ -65,7 +65,7 @@ def meta_counts(
     """
     method = method_of(arm)
     stage = [row for row in rows if row.arm == method and row.phase == "maml"]
-    part, whole = _uplink_share([row for row in stage if row.agent == 0], snapshot_of(arm))
+    part, whole = _uplink_share(stage, snapshot_of(arm))
     uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK, phase="maml"), measure)
     behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
     wasted = lost_counts((row for row in lost if (row.phase, row.arm) == ("maml", method)), part / whole)
@@ -77,6 +77,13 @@ def meta_counts(
             downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK, phase="maml"), measure),
         )
     )
+
+
+def stage_share(rows: Iterable[RoundRow], arm: str) -> float:
+    """The arm's part of what carried and computed the phase ml that it shares with others; 1 where it shares none."""
+    stage = [row for row in rows if (row.arm, row.phase) == (method_of(arm), "maml")]
+    part, whole = _uplink_share(stage, snapshot_of(arm))
+    return part / whole
 
 
 def task_counts(
@@ -137,11 +144,12 @@ def _gradients(rows: Iterable[RoundRow]) -> Counts:
     )
 
 
-def _uplink_share(center: list[RoundRow], snapshot: int | None) -> tuple[int, int]:
+def _uplink_share(stage: list[RoundRow], snapshot: int | None) -> tuple[int, int]:
     """Which part of the stage's uplink carried the rounds up to `snapshot`: (part, whole), by bytes or by rounds.
 
     Exact by bytes where nothing was sent twice: repetitions are spread over all rounds.
     """
+    center = [row for row in stage if row.agent == 0]
     last = max((row.round for row in center), default=0)
     if snapshot is None or last <= snapshot:
         return 1, 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +21,9 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.prices import PriceList, price_lists
+from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
 from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
@@ -29,6 +32,7 @@ from jouleswarm.runs.summary import SCHEMA
 
 T = TypeVar("T", bound=BaseModel)
 
+_NOT_OF_PRICES = ("results", "t0", "lost", "misfits", "facts", "kept_facts", "packet_facts")
 _STATUSES = ("complete", "interrupted", "failed")
 
 
@@ -79,6 +83,37 @@ class Run:
     def lost(self) -> list[WorkRow]:
         """What was done and is in no row; see `runs.lost_work`."""
         return lost_work(self.scenario, self.rows, self.work_rows)
+
+    @cached_property
+    def price_lists(self) -> tuple[PriceList, ...]:
+        """What the scenario's `energy.prices` names."""
+        return price_lists(self.scenario)
+
+    @cached_property
+    def facts(self) -> dict[str, Facts]:
+        """What each arm has done, for price lists."""
+        return self._facts(self.lost)
+
+    @cached_property
+    def kept_facts(self) -> dict[str, Facts]:
+        """The same without what was done in vain."""
+        return self._facts(()) if self.lost else self.facts
+
+    @cached_property
+    def packet_facts(self) -> dict[str, Facts]:
+        """`facts` with counts of whole packets' bytes."""
+        of_run = self.scenario, self.rows, self.meter_rows, self.lost
+        return {arm: in_packets(facts, *of_run) for arm, facts in self.facts.items()}
+
+    def _facts(self, lost: Sequence[WorkRow]) -> dict[str, Facts]:
+        of_run = self.scenario, self.rows, self.meter_rows
+        return {arm: arm_facts(*of_run, arm, lost=lost) for arm in self.scenario.arm_names}
+
+    def at(self, scenario: Scenario) -> Run:
+        """The same run at other prices; facts do not depend on them."""
+        other = replace(self, scenario=scenario)
+        vars(other).update({name: held for name, held in vars(self).items() if name in _NOT_OF_PRICES})
+        return other
 
     @cached_property
     def misfits(self) -> tuple[Balance, ...]:

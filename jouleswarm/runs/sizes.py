@@ -10,7 +10,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Interface
 from jouleswarm.common.wire.tensorfile import layout_bytes
 from jouleswarm.common.wire.types import Shapes
-from jouleswarm.energy.equations import RoundSizes, StageCounts
+from jouleswarm.energy.closed_form import RoundSizes
+from jouleswarm.energy.facts import StageCounts
 from jouleswarm.learning.heads import meta_shapes
 from jouleswarm.runs.interface import interface_of
 

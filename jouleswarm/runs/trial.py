@@ -20,17 +20,22 @@ from jouleswarm.environments.environment import TaskEnvironment
 
 
 def tried(scenario: Scenario) -> Interface:
-    """Begin an episode of every task, send an observation up, and feed the network.
+    """Begin an episode of every task, send an observation up, feed the network, read the model to begin from, and try
+    what methods add.
 
     Raises:
-        ConfigurationError: an environment or the network is not what can be learned with; one line that says why.
+        ConfigurationError: something is not what can be learned with; one line that says why.
     """
     for task in scenario.tasks:
         _begun(scenario, task.id)
     try_experience(scenario)
     from jouleswarm.learning.networks import build_qnetwork, interface_of
+    from jouleswarm.learning.start import saved_start
+    from jouleswarm.methods.trial import try_learning
 
     build_qnetwork(scenario, 1)
+    saved_start(scenario)
+    try_learning(scenario)
     return interface_of(scenario)
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from jouleswarm.agents.explorer import Explorer
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
