@@ -131,6 +131,7 @@ class Scenario(Crew):
             *((("networks", build),) if build is not None else ()),
             *(("methods", name) for name in self.methods),
             ("codecs", self.federation.codec),
+            ("codecs", self.meta.experience_codec),
             *(("prices", name) for name in self.energy.prices),
         )
 

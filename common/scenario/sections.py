@@ -85,7 +85,6 @@ class Network(Section):
 
 
 Starts = Literal["area", "anywhere", "entry"]
-ExperienceCodec = Literal["raw", "png", "resized"]
 
 
 class Learning(Section):
@@ -200,10 +199,13 @@ class Meta(Section):
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
     replay_size: Frames = Field(5000, description="observations that the data center remembers of each training robot")
-    experience_codec: ExperienceCodec = Field(
+    experience_codec: str = Field(
         "raw",
-        description="frames on the uplink, of centralized learning too: raw, png (lossless, payloads vary in size) or "
-        "resized (to the network's input, as the data center would do); what is learned is the same to the bit",
+        min_length=1,
+        max_length=200,
+        description="of observations on the uplink, of centralized learning too: raw, png (lossless, payloads vary in "
+        "size) or resized (to the network's input, as the data center would do), with which the same is learned to the "
+        "bit; or module:Class (see docs/doors.md)",
     )
 
     _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
