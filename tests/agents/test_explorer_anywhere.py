@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jouleswarm.agents.explorer import Explorer
+from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
@@ -46,7 +47,7 @@ def begun(settings: Scenario) -> Explorer:
 
 
 def sent(settings: Scenario, payloads: Any) -> list[Motion]:
-    return [read_motion(payload, settings) for payload in payloads]
+    return [read_motion(payload, settings, experience_codec_of(settings)) for payload in payloads]
 
 
 @pytest.mark.parametrize("world", WORLDS)
