@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,3 +39,14 @@ def test_what_the_readme_puts_together_runs_from_start_to_bill(start: Any, tmp_p
     assert sorted(each.name for each in (tmp_path / "runs" / "mine" / "doors").iterdir()) == sorted(
         name for name in files if name.endswith(".py")
     )
+
+
+def test_the_lines_for_a_notebook_run_as_they_stand(tmp_path: Path) -> None:
+    (lines,) = (block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "import Run, run" in block)
+    short = lines.replace("seed=3", 'seed=3, set={"federation.max_rounds": 2, "meta.t0": 1}')
+    asked = short.replace("done.bill() /", "ratio = done.bill() /")
+    assert len({lines, short, asked}) == 3
+    asked += "print(done.status, ratio.loc['maml', ('ml', 'uplink')])"
+    done = subprocess.run([sys.executable, "-c", asked], cwd=tmp_path, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "complete 2.5"  # 200 kb/J in place of 500
