@@ -13,6 +13,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -73,6 +74,9 @@ TRIALS: dict[Kind, str] = {
 }
 """Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
 It takes the scenario, and raises ConfigurationError."""
+
+
+_loading = threading.RLock()  # a module is in sys.modules before it is whole
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -158,8 +162,11 @@ def _load(path: Path) -> ModuleType:
     """A file as a module of its own name, once for each content."""
     key = hashlib.sha256(f"{path.resolve()} {digest(path)}".encode()).hexdigest()
     unique = f"jouleswarm_doors_{key[:16]}_{path.stem}"
-    if unique in sys.modules:
-        return sys.modules[unique]
+    with _loading:
+        return sys.modules[unique] if unique in sys.modules else _executed(path, unique)
+
+
+def _executed(path: Path, unique: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(unique, path)
     assert spec is not None
     assert spec.loader is not None
