@@ -11,6 +11,7 @@ from jouleswarm.common.options import (
     DEFAULT_BROKER,
     BrokerOption,
     DurableOption,
+    KeepEndsOption,
     KeepStateOption,
     KeysOption,
     OtherProcessorOption,
@@ -42,6 +43,7 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    keep_ends: KeepEndsOption = False,
     other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
@@ -69,7 +71,7 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
-        keep = Keep(state, durable, keep_state)
+        keep = Keep(state, durable, keep_state or keep_ends, keep_ends)
         name, bus = join(settings, id, Begun(broker, keys, run, keep, other_processor), arithmetic)
         with usable("--state", state, RunError):
             run_agent(settings, id, name, bus, keep)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,21 @@ from jouleswarm.common.bus.reporter import HANDED_IN
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.seals import Growing
-from jouleswarm.common.disk.state import STATE_FILE, Keep, State, StateFile, Stateful
+from jouleswarm.common.disk.state import STATE_FILE, Keep, State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import Weights
 
-_ROWS, _FRAMES = "rounds.jsonl", "frames.bin"
-_OWN_FILES = (f"{STATE_FILE}.[01]", _ROWS, _FRAMES, "counters*", f"*{HANDED_IN}", PROCESSOR, LOCK)
+_ROWS, _FRAMES, _END = "rounds.jsonl", "frames", "end-"
+_OWN_FILES = (
+    *(f"{STATE_FILE}.[01]", f"{_END}*.[01]", f"{_FRAMES}*.bin", _ROWS),
+    *("counters*", f"*{HANDED_IN}", PROCESSOR, LOCK),
+)
 
 
 class Memory:
@@ -36,11 +41,12 @@ class Memory:
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
         folder = keep.folder
         self._folder, self._keep, self._meter = folder, keep, meter
-        owner = hashlib.sha256(f"{run} {agent} {scenario.determines}".encode()).hexdigest()
+        self._owner = hashlib.sha256(f"{run} {agent} {scenario.determines}".encode()).hexdigest()
+        self._limits = scenario.federation
         self._file = None
         self._growing: dict[str, Growing] = {}
         if folder is not None:
-            self._file = StateFile(folder / STATE_FILE, owner, self.frames, durable=keep.durable)
+            self._file = StateFile(folder / STATE_FILE, self._owner, durable=keep.durable)
             self._growing = {name: Growing(folder / name) for name in (_ROWS, KEYS)}
         self._state = self._file.load() if self._file else None
         if folder is not None and self._state is None and _has_learned(folder / _ROWS):
@@ -51,10 +57,11 @@ class Memory:
         """File for the rows of the run log."""
         return self._folder / _ROWS if self._folder else None
 
-    @property
-    def frames(self) -> Path | None:
-        """File for the frames of the replay memory."""
-        return self._folder / _FRAMES if self._folder else None
+    def frames(self, arm: str) -> Path | None:
+        """File for the frames of an arm's replay memory; all have the same one, unless how they end is kept."""
+        return (
+            self._folder / (f"{_FRAMES}-{arm}.bin" if self._keep.ends else f"{_FRAMES}.bin") if self._folder else None
+        )
 
     def is_past(self, arm: str, arms: tuple[str, ...]) -> bool:
         """Whether the robot was in an arm after `arm` already."""
@@ -62,13 +69,11 @@ class Memory:
 
     def start_of(self, arm: str) -> Weights | None:
         """The weights that the robot began `arm` with, if it had."""
-        if self._state is None or self._place["arm"] != arm:
-            return None
-        return self._state.part("start").arrays
+        return self._state.part("start").arrays if self._state is not None and self._is_in(arm) else None
 
     def has_ended(self, arm: str) -> bool:
         """Whether the robot was done with learning in `arm`."""
-        return self._state is not None and self._place["arm"] == arm and bool(self._place["ended"])
+        return self._is_in(arm) and bool(self._place["ended"])
 
     def begin(self, arm: str, weights: Weights) -> None:
         """The robot is about to begin an arm."""
@@ -101,11 +106,45 @@ class Memory:
 
     def restore(self, arm: str, kept: Mapping[str, Stateful]) -> int:
         """Bring `kept` to where `save` left it; the round, 0 if none had been done."""
-        if self._state is None or self._place["arm"] != arm or not self._place["round"]:
+        found = self._state if self._is_in(arm) else self._end(arm)
+        round_ = 0 if found is None else found.part("place").values["round"]
+        if found is None or not round_:
             return 0
         for name, each in kept.items():
-            each.load_state(self._state.part(name))
-        return int(self._place["round"])
+            each.load_state(found.part(name))
+        return int(round_)
+
+    @property
+    def keeps_ends(self) -> bool:
+        """Whether how arms end is kept."""
+        return self._folder is not None and self._keep.ends
+
+    def save_end(self, row: RoundRow, kept: Mapping[str, Stateful]) -> None:
+        """An arm ends with this row, if only because that is all rounds that there are."""
+        if (file := self._end_file(row.arm)) is not None:
+            states = {name: each.state() for name, each in kept.items()}
+            end = State(values=row.model_dump(mode="json"))
+            self._put(file, row.arm, row.round, {"end": end, **states})
+
+    def end_of(self, arm: str) -> RoundRow | None:
+        """The row that the robot ended `arm` with in a run of fewer rounds, or one that it has not begun again."""
+        found = None if self._is_in(arm) else self._end(arm)
+        return None if found is None else RoundRow.model_validate(found.part("end").values)
+
+    def is_over(self, end: RoundRow) -> bool:
+        """Whether an arm that ended with this row would end there by the scenario as it is now."""
+        reward = end.cluster_reward
+        return end.round >= self._limits.max_rounds or (reward is not None and reward >= self._limits.target_reward)
+
+    def begin_again(self, arms: Iterable[str]) -> bool:
+        """Whether a robot that was done is not, for one of its arms has more rounds now."""
+        if not self.is_done:
+            return False
+        self._state, done = None, self._state
+        ends = [end for arm in arms if (end := self.end_of(arm)) is not None]
+        if all(map(self.is_over, ends)):
+            self._state = done
+        return self._state is None
 
     def clear(self) -> None:
         """The run is over: leave no trace, unless who started this process will see to it."""
@@ -115,19 +154,34 @@ class Memory:
             with contextlib.suppress(OSError):  # somebody else's files are in it, or a volume is mounted there
                 self._folder.rmdir()
 
+    def _is_in(self, arm: str) -> bool:
+        return self._state is not None and bool(self._place["arm"] == arm)
+
     @property
     def _place(self) -> dict[str, Any]:
         assert self._state is not None
         return self._state.part("place").values
 
     def _write(self, arm: str, round_: int, parts: Mapping[str, State], *, ended: bool = False) -> None:
-        if self._file is None:
-            return
+        if self._file is not None:
+            self._put(self._file, arm, round_, parts, ended=ended)
+
+    def _put(self, file: StateFile, arm: str, round_: int, parts: Mapping[str, State], *, ended: bool = False) -> None:
         place = State(values={"arm": arm, "round": round_, "ended": ended})
         beside = State(files={name: growing.seal() for name, growing in self._growing.items()})
-        self._file.save(State.of({**parts, "place": place, "beside": beside}))
+        file.frames = self.frames(arm)
+        file.save(State.of({**parts, "place": place, "beside": beside}))
         if self._keep.durable:
             self._meter.flush()
+
+    def _end_file(self, arm: str) -> StateFile | None:
+        if self._folder is None or not self._keep.ends:
+            return None
+        return StateFile(self._folder / f"{_END}{arm}", self._owner, durable=self._keep.durable)
+
+    def _end(self, arm: str) -> State | None:
+        file = self._end_file(arm)
+        return None if file is None else file.load()
 
 
 def _has_learned(rows: Path) -> bool:

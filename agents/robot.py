@@ -25,7 +25,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
-from jouleswarm.common.wire.types import Weights
+from jouleswarm.common.wire.types import RowPhase, Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
 from jouleswarm.learning.start import start_weights
@@ -51,7 +51,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
     exchange.claim()
     exchange.agree(scenario)
     done = 2 * len(scenario.arms) + 1
-    if memory.is_done:
+    if memory.is_done and not memory.begin_again(scenario.arm_names):
         log.warning("robot %d of run %s: %s", agent, run, memory.done_line)
         exchange.announce(0)
     else:
@@ -73,18 +73,18 @@ def live(robot: Robot) -> None:
         if memory.is_past(arm.name, scenario.arm_names):
             continue
         method = methods[arm.name]
-        weights = memory.start_of(arm.name)
-        if weights is None:
+        weights, end = memory.start_of(arm.name), memory.end_of(arm.name)
+        if weights is None and end is None:
             weights = robot.initial_weights() if method.stage is None else robot.meta_learn(arm)
             memory.begin(arm.name, weights)
         here = neighbourhood_of(scenario, robot.agent, method.partners)
         exchange.open_arm(arm, here, 2 * index + 2, word_of(method))
-        if not memory.has_ended(arm.name):
+        if not memory.has_ended(arm.name) and not (end is not None and memory.is_over(end)):
             exchange.announce(2 * index + 1)
             exchange.await_stage(2 * index + 1)
             if method.partners == "datacenter":
                 exchange.await_datacenter(2 * index + 1)
-            robot.learn(arm, method, weights or robot.initial_weights())
+            robot.learn(arm, method, weights or robot.initial_weights(), end)
         else:
             memory.restore(arm.name, {"exchange": exchange})
         # Neighbours may still ask for the last round's weights again.
@@ -120,7 +120,7 @@ class Robot:
         """Send experience up while the data center asks for it; return the model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
-        self.explorer.tally = self._meter.tally("maml", method, self.task)
+        self.explorer.tally = self._meter.tally(RowPhase.ML, method, self.task)
         if self.agent in self.scenario.training_agents.get(self.task, ()):
             while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
@@ -128,21 +128,27 @@ class Robot:
                     for payload in self.explorer.motions(round_):
                         self.meta.publish_motion(method, payload)
                     sent.add(round_)
-                    self.exchange.report(self._row("maml", method, round_, begun))
+                    self.exchange.report(self._row(RowPhase.ML, method, round_, begun))
         return start_of(self.meta.await_model(arm, t0), self.task)
 
-    def learn(self, arm: Arm, method: Method, weights: Weights) -> None:
-        """Learn the task by a method, until the cluster's R reaches the target."""
+    def learn(self, arm: Arm, method: Method, weights: Weights, end: RoundRow | None = None) -> None:
+        """Learn the task by a method, until the cluster's R reaches the target.
+
+        `end`: the row that was the last one when there were fewer rounds.
+        """
         scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
         neighbourhood = exchange.here
-        tally = self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
+        tally = self.explorer.tally = self._meter.tally(RowPhase.FL, arm.name, self.task)
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
         here = Here(scenario, self.agent, arm, method, exchange, self.explorer, ledger)
-        way = way_of(here, weights, self.memory.frames, tally)
+        way = way_of(here, weights, self.memory.frames(arm.name), tally)
         self.explorer.begin(arm.name, neighbourhood.cluster)
         kept: dict[str, Stateful] = {**way.kept, "explorer": self.explorer, "ledger": ledger, "exchange": exchange}
         round_ = self.memory.restore(arm.name, kept)
+        if end is not None:  # told anew, for it is not the last one any more; all go on together
+            exchange.report(end.model_copy(update={"learned": None}))
+            exchange.may_have_missed = False
         while True:
             round_ += 1
             begun = time.monotonic()
@@ -153,7 +159,7 @@ class Robot:
             cluster_reward = ledger.cluster_reward(round_)
             learned = cluster_reward is not None and cluster_reward >= settings.target_reward
             last = learned or round_ >= settings.max_rounds
-            if not last:
+            if not last or self.memory.keeps_ends:
                 way.go_on()
             row = self._row("fl", arm.name, round_, begun).model_copy(
                 update={
@@ -174,6 +180,7 @@ class Robot:
             self.memory.save(arm.name, round_, kept)
         if self.agent == min({*scenario.cluster(self.task)}.difference(exchange.missed)):
             self._hand_in(*way.learned(round_))
+        self.memory.save_end(row, kept)
         self.memory.save(arm.name, round_, {"exchange": exchange}, ended=True)
 
     def _hand_in(self, weights: Weights, header: ModelHeader) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jouleswarm.agents.peers import Exchange, names
+from jouleswarm.agents.membership import names
+from jouleswarm.agents.peers import Exchange
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
@@ -89,8 +90,8 @@ class ServerLink:
     def _until(
         self, condition: Callable[[], bool], what: str, ask: Callable[[], None], whom: Callable[[], list[str]]
     ) -> None:
-        self._exchange.awaited_round = self._round
-        self._exchange.until(condition, lambda: what, ask, at_once=self._is_back, whom=whom)
+        self._exchange.awaited_round, at_once = self._round, self._is_back and self._exchange.may_have_missed
+        self._exchange.until(condition, lambda: what, ask, at_once=at_once, whom=whom)
         self._exchange.awaited_round = 0
 
     def state(self) -> State:

@@ -53,6 +53,9 @@ SHIPPED: dict[Kind, dict[str, str]] = {
         "float16": "jouleswarm.codecs.floats:Float16",
         "int8": "jouleswarm.codecs.int8:Int8",
         "topk": "jouleswarm.codecs.topk:TopK",
+        "raw": "jouleswarm.codecs.raw:Raw",
+        "png": "jouleswarm.codecs.png:Png",
+        "resized": "jouleswarm.codecs.resized:Resized",
     },
     "prices": {
         "literal": "jouleswarm.energy.literal:literal",
@@ -65,7 +68,7 @@ CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
 contract. It takes what was found and its name in words, and raises ConfigurationError."""
 
 TRIALS: dict[Kind, str] = {
-    "codecs": "jouleswarm.codecs.trial:try_codec",
+    "codecs": "jouleswarm.codecs.trial:try_codecs",
     "methods": "jouleswarm.methods.trial:try_methods",
 }
 """Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
-SCENARIO_HELP = "Scenario: a TOML file, or a name: toy, quick, paper, hexapod."
+SCENARIO_HELP = "Scenario: a TOML file, or a name such as toy, quick or paper."
 
 ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
 BrokerOption = Annotated[
@@ -33,6 +33,15 @@ SetOption = Annotated[
 VerboseOption = Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")]
 KeepStateOption = Annotated[
     bool, typer.Option("--keep-state", envvar="JOULESWARM_KEEP_STATE", help="Leave the --state folder at the end too.")
+]
+KeepEndsOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-ends",
+        envvar="JOULESWARM_KEEP_ENDS",
+        help="Keep in the --state folder how each arm ends: started again with more rounds "
+        "(federation.max_rounds, target_reward) it goes on from there.",
+    ),
 ]
 OtherProcessorOption = Annotated[
     bool,

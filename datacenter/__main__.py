@@ -11,6 +11,7 @@ from jouleswarm.common.options import (
     DEFAULT_BROKER,
     BrokerOption,
     DurableOption,
+    KeepEndsOption,
     KeepStateOption,
     KeysOption,
     OtherProcessorOption,
@@ -36,6 +37,7 @@ def main(
     ] = None,
     durable: DurableOption = False,
     keep_state: KeepStateOption = False,
+    keep_ends: KeepEndsOption = False,
     other_processor: OtherProcessorOption = False,
     set_: SetOption = None,
     verbose: VerboseOption = True,
@@ -61,7 +63,7 @@ def main(
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
-        keep = Keep(state, durable, keep_state)
+        keep = Keep(state, durable, keep_state or keep_ends, keep_ends)
         begun = Begun(broker, keys, run, keep, other_processor)
         name, bus = join(settings, 0, begun, lambda: arithmetic(accelerator()), check_states)
         with usable("--state", state, RunError):

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from jouleswarm.common.bus.reporter import HANDED_IN
+from jouleswarm.common.disk.files import sync, write_whole
 from jouleswarm.common.disk.lines import whole_lines
+from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.seals import Growing, Seal
-from jouleswarm.common.disk.state import State, StateFile, Stateful, sync, write_whole
+from jouleswarm.common.disk.state import State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
@@ -26,10 +32,24 @@ class Checkpoint:
     """One method's folder: a state for each part that learns by itself, replaced each round. None remembers nothing."""
 
     def __init__(
-        self, folder: Path | None, owner: str = "", whose: tuple[str, str] = ("", ""), *, durable: bool = False
+        self,
+        folder: Path | None,
+        owner: str = "",
+        whose: tuple[str, str] = ("", ""),
+        *,
+        durable: bool = False,
+        until: str | None = None,
     ) -> None:
-        """`owner`: see `owner_of`; `whose`: phase and arm of its rows; `durable`: see `common.disk.state.StateFile`."""
-        self._whose = whose
+        """
+        Args:
+            folder: for the states; None remembers nothing.
+            owner: see `owner_of`.
+            whose: phase and arm of its rows.
+            durable: see `common.disk.state.StateFile`.
+            until: when it is finished, in words: it goes on from its states where that is another time. None: it is
+                finished for good, and forgets them.
+        """
+        self._whose, self._until = whose, until
         self.folder, self._owner, self._durable = folder, owner, durable
         self._files: dict[str, StateFile] = {}
         self._models: dict[str, Seal] = {}
@@ -86,22 +106,32 @@ class Checkpoint:
         return {int(path.stem.removeprefix(_MODEL)): path.read_bytes() for path in paths}
 
     @property
+    def was_finished(self) -> bool:
+        """Whether it was finished once, if only until another time than now."""
+        return self.folder is not None and (self.folder / _FINISHED).exists()
+
+    @property
     def is_finished(self) -> bool:
         """Whether this method's stage was finished, and the robots have its models.
 
         Raises:
             RunError: another scenario's was, or the mark is not as it was written.
         """
-        if self.folder is None or not (path := self.folder / _FINISHED).exists():
+        if self.folder is None or not self.was_finished:
             return False
-        if path.read_text(errors="replace") != self._owner:
+        path = self.folder / _FINISHED
+        owner, _, until = path.read_text(errors="replace").partition("\n")
+        if owner != self._owner:
             raise RunError(f"{path}: not as it was written, or another scenario's; name another folder with --state")
-        return True
+        return until == (self._until or "")
 
     def finish(self) -> None:
-        """The stage is over and its models are with the robots: forget all but that."""
+        """The stage is over and its models are with the robots: forget all but that, unless it may go on."""
         if self.folder is not None:
-            write_whole(self.folder / _FINISHED, self._owner.encode())
+            said = self._owner if self._until is None else f"{self._owner}\n{self._until}"
+            write_whole(self.folder / _FINISHED, said.encode())
+            if self._until is not None:
+                return
             self._files.clear()
             for path in self.folder.iterdir():
                 if path.name != _FINISHED:
@@ -136,3 +166,15 @@ class Checkpoint:
 def owner_of(scenario: Scenario, run: str, method: str) -> str:
     """Of all that a method's state depends on: it goes on bit by bit only where this is the same."""
     return hashlib.sha256(f"{run} {method} {scenario.determines}".encode()).hexdigest()
+
+
+def forget(state: Path | None, checkpoints: Sequence[Checkpoint]) -> None:
+    """The run is over: leave no trace."""
+    for checkpoint in checkpoints:
+        checkpoint.clear()
+    if state is not None:
+        own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
+        for path in (path for each in own for path in state.glob(each)):
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # somebody else's files may be in it
+            state.rmdir()

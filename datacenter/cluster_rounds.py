@@ -90,11 +90,11 @@ class ClusterDesk(Desk, Generic[T]):
         round_, payload = self._answers[task]
         return State({"answer": np.frombuffer(payload, np.uint8)}, {"round": round_})
 
-    def load_state(self, task: int, state: State) -> None:
-        """Take up what `state` returned."""
+    def load_state(self, task: int, state: State, *, may_have_missed: bool = True) -> None:
+        """Take up what `state` returned; what was said meanwhile, if anything may have been, is asked for at once."""
         self._answers[task] = state.values["round"], state.arrays["answer"].tobytes()
         self._rounds[task] = state.values["round"] + 1
-        self._asked_on = -1
+        self._asked_on = -1 if may_have_missed else self._asked_on
 
     def answer(self, turn: Turn[T], payload: bytes) -> None:
         """The model of a cluster's round; kept until the next one in case somebody asks again. `send` sends it."""

@@ -6,14 +6,14 @@ import contextlib
 import json
 import logging
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.state import write_whole
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.wire.rows import RoundRow
@@ -105,6 +105,14 @@ class RowFile:
         """
         for line in whole_lines(self._path, mend=False):
             yield _row(line, self._path)
+
+    def amend(self, change: Callable[[RoundRow], RoundRow]) -> None:
+        """Put each row in another form, in the same place; its writer and round stay."""
+        lines = [_line(change(row)) for row in self.rows()]
+        self._told.clear()
+        for line in lines:
+            self._book(_row(line, self._path), line)
+        self._replace(lines)
 
     def sort(self) -> None:
         """Bring the rows into their final order, whatever came first."""

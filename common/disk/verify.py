@@ -7,13 +7,13 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import KEYS, read_counters
 from jouleswarm.common.wire.rows import RoundRow
 
 ROWS = "rounds.jsonl"
-_STATES = ("state.[01]", "task-*.[01]", "seals.[01]")
+_STATES = ("state.[01]", "task-*.[01]", "end-*.[01]", "seals.[01]")
 
 
 def check_states(folder: Path) -> None:

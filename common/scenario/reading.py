@@ -16,9 +16,9 @@ from pydantic import ValidationError
 from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.scenario.spaces import Interface
 
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"

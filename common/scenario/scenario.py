@@ -12,31 +12,29 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import AnyMethod, Arm, arm_name
+from jouleswarm.common.scenario.arms import AnyMethod, Arm, arms_of
+from jouleswarm.common.scenario.crew import Crew
 from jouleswarm.common.scenario.edges import Edges, read_edges
-from jouleswarm.common.scenario.problem import Problem
-from jouleswarm.common.scenario.sections import Bus, Energy, Federation, Learning, Meta, Robot
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.sections import Bus
 
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
     "energy": True,
     "bus": True,
-    "federation": {"give_up_after_s"},
+    "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
-"""Settings that may be others when a process goes on from its state: what is learned does not depend on them."""
+"""Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for
+how long."""
 
 
-class Scenario(Problem):
+class Scenario(Crew):
     """A whole experiment. Build one with `load_scenario`."""
 
     seed: int = Field(1, ge=0, le=2**63 - 1, description="of everything that is drawn: same seed, same bits")
     methods: tuple[str, ...] = Field(
         ("maml", "fl"), description="ways to learn, one after the other: words of docs/methods.md, or module:Class"
     )
-    robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
-    learning: Learning = Learning()
-    federation: Federation = Federation()
-    meta: Meta = Meta()
     energy: Energy = Energy()
     bus: Bus = Bus()
     _prices_folder: Path | None = PrivateAttr(None)
@@ -133,6 +131,7 @@ class Scenario(Problem):
             *((("networks", build),) if build is not None else ()),
             *(("methods", name) for name in self.methods),
             ("codecs", self.federation.codec),
+            ("codecs", self.meta.experience_codec),
             *(("prices", name) for name in self.energy.prices),
         )
 
@@ -242,71 +241,9 @@ class Scenario(Problem):
     @cached_property
     def arms(self) -> tuple[Arm, ...]:
         """What robots do one after the other: each method, from each meta-model that is adapted."""
-        arms: list[Arm] = []
-        for kind in self._kinds:
-            meta = kind.stage is not None
-            on_the_way = sorted(set(self.meta.adapt_from) - {self.meta.t0}) if meta else []
-            arms += [Arm(arm_name(kind.name, t0), kind.name, t0) for t0 in on_the_way]
-            arms.append(Arm(kind.name, kind.name, self.meta.t0 if meta else 0))
-        return tuple(arms)
+        return arms_of(self._kinds, self.meta)
 
     @cached_property
     def arm_names(self) -> tuple[str, ...]:
         """Names of the arms, as they stand in topics."""
         return tuple(arm.name for arm in self.arms)
-
-    @cached_property
-    def clusters(self) -> dict[int, tuple[int, ...]]:
-        """Task id -> ids of its robots; robots are numbered from 1 in the order of the tasks."""
-        clusters, next_id = {}, 1
-        for task in self.tasks:
-            size = task.robots or self.federation.robots_per_cluster
-            clusters[task.id] = tuple(range(next_id, next_id + size))
-            next_id += size
-        return clusters
-
-    def cluster(self, task: int) -> tuple[int, ...]:
-        """Ids of the robots that learn `task`."""
-        return self.clusters[task]
-
-    def task_of(self, agent: int) -> int:
-        """The task that robot `agent` learns.
-
-        Raises:
-            ConfigurationError: no such robot.
-        """
-        for task, agents in self.clusters.items():
-            if agent in agents:
-                return task
-        raise ConfigurationError(f"robot {agent} is not in the scenario, expected one of {self.agents}")
-
-    def motions(self, agent: int) -> int:
-        """|E_ik|: transitions that robot `agent` makes in a round."""
-        return self._per_round[agent][0]
-
-    def batches(self, agent: int) -> int:
-        """B_ik: gradient steps of robot `agent` in a round."""
-        return self._per_round[agent][1]
-
-    @cached_property
-    def _per_round(self) -> dict[int, tuple[int, int]]:
-        """Robot -> motions and batches of its round: its own, else its task's, else those of all."""
-        own, per_round = {robot.id: robot for robot in self.robots}, {}
-        for task in self.tasks:
-            for agent in self.clusters[task.id]:
-                sections = (*((own[agent],) if agent in own else ()), task, self.learning)
-                motions = next(each.motions_per_round for each in sections if each.motions_per_round is not None)
-                batches = next(each.batches_per_round for each in sections if each.batches_per_round is not None)
-                per_round[agent] = motions, batches
-        return per_round
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        """Ids of all robots."""
-        return tuple(agent for cluster in self.clusters.values() for agent in cluster)
-
-    @property
-    def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
-        tasks = (task for task in self.meta.training_tasks if task in self.clusters)
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}

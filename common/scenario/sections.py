@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-# Every number has both bounds: far beyond what anybody runs, and within what arithmetic, memory and messages can hold.
-Id = Annotated[int, Field(ge=1, le=1_000_000)]
-Robots = Annotated[int, Field(ge=1, le=1000)]
-Rounds = Annotated[int, Field(ge=1, le=1_000_000)]
-Batches = Annotated[int, Field(ge=1, le=100_000)]  # gradient steps of a round
-BatchSize = Annotated[int, Field(ge=1, le=100_000)]
-Motions = Annotated[int, Field(ge=1, le=100_000)]
-Frames = Annotated[int, Field(ge=3, le=100_000_000)]  # fewer can all be without a successor: nothing to learn from
-NetworkPixels = Annotated[int, Field(ge=1, le=1024)]
-Channels = Annotated[int, Field(ge=1, le=4096)]
-Kernel = Annotated[int, Field(ge=1, le=1024)]
-Units = Annotated[int, Field(ge=1, le=1_000_000)]
-
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Share = Annotated[float, Field(ge=1e-9, le=1)]
-Seconds = Annotated[float, Field(ge=1e-3, le=1e6)]
-LearningRate = Annotated[float, Field(ge=1e-37, le=1e3)]  # float32 holds it
-Watts = Annotated[float, Field(ge=1e-6, le=1e9)]
-BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
-Efficiency = Annotated[float, Field(ge=1e-6, le=1e15)]  # bit/J
-Pue = Annotated[float, Field(ge=1, le=1e3)]
-BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
-CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
-
-_TOPOLOGIES = ("full", "ring", "random")
+from jouleswarm.common.scenario.bounds import (
+    TOPOLOGIES,
+    Batches,
+    BatchSize,
+    Channels,
+    Fraction,
+    Frames,
+    Id,
+    Kernel,
+    LearningRate,
+    Motions,
+    NetworkPixels,
+    Robots,
+    Rounds,
+    Seconds,
+    Share,
+    Units,
+)
 
 Value = TypeVar("Value")
 
@@ -92,7 +85,6 @@ class Network(Section):
 
 
 Starts = Literal["area", "anywhere", "entry"]
-ExperienceCodec = Literal["raw", "png", "resized"]
 
 
 class Learning(Section):
@@ -171,14 +163,14 @@ class Federation(Section):
     @field_validator("topology")
     @classmethod
     def _is_a_rule_or_a_file(cls, topology: str) -> str:
-        if topology not in _TOPOLOGIES and not topology.endswith(".csv"):
-            raise ValueError(f"got {topology!r:.60}, expected {', '.join(_TOPOLOGIES)}, or a file of edges, NAME.csv")
+        if topology not in TOPOLOGIES and not topology.endswith(".csv"):
+            raise ValueError(f"got {topology!r:.60}, expected {', '.join(TOPOLOGIES)}, or a file of edges, NAME.csv")
         return topology
 
     @property
     def has_own_edges(self) -> bool:
         """Whether the graph is the user's own."""
-        return self.topology not in _TOPOLOGIES
+        return self.topology not in TOPOLOGIES
 
 
 class Meta(Section):
@@ -207,43 +199,16 @@ class Meta(Section):
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
     replay_size: Frames = Field(5000, description="observations that the data center remembers of each training robot")
-    experience_codec: ExperienceCodec = Field(
+    experience_codec: str = Field(
         "raw",
-        description="frames on the uplink, of centralized learning too: raw, png (lossless, payloads vary in size) or "
-        "resized (to the network's input, as the data center would do); what is learned is the same to the bit",
+        min_length=1,
+        max_length=200,
+        description="of observations on the uplink, of centralized learning too: raw, png (lossless, payloads vary in "
+        "size) or resized (to the network's input, as the data center would do), with which the same is learned to the "
+        "bit; or module:Class (see docs/doors.md)",
     )
 
     _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
-
-
-class Energy(Section):
-    """Price lists, and the constants of the energy model (Table I). kb = 1000 bit."""
-
-    prices: tuple[str, ...] = Field(
-        ("literal", "published"),
-        min_length=1,
-        max_length=20,
-        description="price lists: literal (the equations), published (what the printed totals come to a round), or "
-        "module:Class, a list of one's own (see docs/doors.md)",
-    )
-    p0_w: Watts = Field(590.0, description="P_0, data center power")
-    t0_batch_s: BatchSeconds = Field(0.020, description="T_0, data center time of one batch gradient")
-    pk_w: Watts = Field(5.1, description="P_k, robot power")
-    tk_batch_s: BatchSeconds = Field(0.400, description="T_k, robot time of one batch gradient")
-    pue: Pue = Field(1.67, description="gamma")
-    beta: BetaFactor | Literal["measured"] = Field(
-        1.0, description="cost of an exact meta-gradient over a first-order one, or: measured by the data center"
-    )
-    ul_bit_per_j: Efficiency = Field(200e3, description="uplink efficiency E_UL, bit/J")
-    sl_bit_per_j: Efficiency = Field(500e3, description="sidelink efficiency E_SL, bit/J")
-    dl_bit_per_j: Efficiency | None = Field(None, description="default: as uplink (the paper gives none)")
-    sidelink: Literal["direct", "via_base_station"] = Field(
-        "direct", description="between robots, or up to the base station and down again, eq. (11)'s remark"
-    )
-    datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
-    robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
-
-    _each_once = field_validator("prices")(each_once)
 
 
 class Bus(Section):

@@ -10,6 +10,7 @@ import re
 from enum import StrEnum
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire.types import RowPhase
 
 ROOT = "jouleswarm"
 
@@ -221,4 +222,4 @@ def phase_of(topic: str) -> str:
     link = link_of(topic)
     if link in (None, Link.CONTROL):
         return "control"
-    return "maml" if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else "fl"
+    return RowPhase.ML if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else RowPhase.FL

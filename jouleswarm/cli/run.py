@@ -47,23 +47,30 @@ def run(
         typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
     ] = False,
     other_processor: OtherProcessorOption = False,
+    keep_state: Annotated[
+        bool,
+        typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
+    ] = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
-    Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with.
+    Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with. A complete one that was
+    run with --keep-state goes on with more rounds: --resume RUN --set federation.max_rounds=80.
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
+    from jouleswarm.fleet.more_rounds import with_more_rounds
     from jouleswarm.report.view import View
 
-    started = Options(broker, keys, restarts, durable, other_processor, view=View)
+    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:
         assert resume is not None
-        if set_ or seed is not None or run_id is not None:
-            raise typer.BadParameter("--resume goes on with a run as it was begun: no --set, --seed or --run-id")
-        _present(resume_deployment(resume, Console(), started), figures)
+        if seed is not None or run_id is not None:
+            raise typer.BadParameter("--resume goes on with a run as it was begun: no --seed or --run-id")
+        more = with_more_rounds(resume, set_) if set_ else None
+        _present(resume_deployment(resume, Console(), started, more), figures)
         return
     settings = load_scenario(scenario, overrides(set_, seed))
     _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)

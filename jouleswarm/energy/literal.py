@@ -8,7 +8,7 @@ the paper does not have are priced cause by cause at the same constants.
 from __future__ import annotations
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import Counts, Facts, StageCounts
 

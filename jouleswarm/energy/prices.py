@@ -15,8 +15,8 @@ from typing import Any, Protocol
 
 from jouleswarm.common.doors import SHIPPED
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, UnknownFactError, Work

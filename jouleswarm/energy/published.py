@@ -5,7 +5,7 @@ That is not what its own equations and constants give: see `jouleswarm/report/au
 
 from __future__ import annotations
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import Facts
 

@@ -11,9 +11,9 @@ from typing import Literal, NamedTuple
 from pydantic import ValidationError
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override, with_prices
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 
 Beta = float | Literal["measured"]
 """What `energy.beta` may be: cost of an exact meta-gradient over a first-order one, 1 or more, or the measured one."""

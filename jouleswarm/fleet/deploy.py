@@ -25,6 +25,7 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
+from jouleswarm.fleet.more_rounds import MoreRounds, has_ends
 from jouleswarm.fleet.packages import command_of
 from jouleswarm.fleet.recorder import CLIENT
 from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, watch
@@ -32,7 +33,7 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.run import other_version, read_manifest
+from jouleswarm.runs.files import other_version, read_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
@@ -60,6 +61,8 @@ class Options:
     """Whether each round is on the disk, for a power failure, before it goes on."""
     other_processor: bool = False
     """Whether a run may be gone on with elsewhere than where it was begun."""
+    keep_state: bool = False
+    """Whether all states are left, and how each arm ended, for more rounds."""
     intruder: Intruder | None = None
     """Who may interfere."""
     view: Viewing | None = None
@@ -83,8 +86,11 @@ def run_deployment(
     return directory.path
 
 
-def resume_deployment(path: Path, console: Console, options: Options = Options()) -> Path:
-    """Go on with a run of `run_deployment` that was interrupted at any moment; returns its directory.
+def resume_deployment(
+    path: Path, console: Console, options: Options = Options(), more: MoreRounds | None = None
+) -> Path:
+    """Go on with a run of `run_deployment` that was interrupted at any moment, or with a complete one for `more`
+    rounds; returns its directory.
 
     Raises:
         ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
@@ -107,6 +113,8 @@ def resume_deployment(path: Path, console: Console, options: Options = Options()
         _check_processor(manifest, path, options, console)
         with usable("run directory", path):
             directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
+        if more is not None:
+            more.begin(directory)
         scenario = load_scenario(held)
         _check(scenario, options)
         say_where(directory, console)
@@ -162,6 +170,7 @@ def _deploy(
     options: Options,
 ) -> None:
     state, intruder = directory.path / STATE, options.intruder
+    keeps_ends = options.keep_state or has_ends(directory.path)  # also of a run that is gone on with
     keys = [] if options.keys is None else ["--keys", str(options.keys.resolve())]
     goes_on = scenario.federation.on_missing == "proceed"
     with ExitStack() as stack:
@@ -189,13 +198,15 @@ def _deploy(
         common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
         common += ["--durable"] if options.durable else []
         common += ["--other-processor"] if options.other_processor else []
+        common += ["--keep-ends"] if keeps_ends else []
         if scenario.needs_datacenter:
             launcher.start(DATA_CENTER, "jouleswarm.datacenter", [*common, "--state", str(state / DATA_CENTER)])
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
         watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
-    shutil.rmtree(state)
+    if not keeps_ends:
+        shutil.rmtree(state)
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:

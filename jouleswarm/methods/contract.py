@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
 import numpy as np
@@ -24,15 +24,27 @@ def keep(found: Any, what: str) -> None:
         ConfigurationError: it is no method, or says something of itself that cannot be.
     """
     if not (isinstance(found, type) and issubclass(found, Method)):
-        got = f"class {found.__name__}" if isinstance(found, type) else f"{type(found).__name__} {found!r:.60}"
+        got = f"class {found.__name__}" if isinstance(found, type) else f"{type(found).__name__} {in_a_line(found)}"
         raise ConfigurationError(f"{what}: got {got}, expected a class that extends jouleswarm.Method")
-    if not is_shipped(found) and (wrong := _wrong(found)):
+    if is_shipped(found):
+        return
+    if wrong := _wrong(found):
         raise ConfigurationError(f"{what}: {wrong}")
+    try:
+        found()
+    except Exception as error:  # whatever a class of the user's does
+        told = f"{type(error).__name__}: {in_a_line(str(error), str)}"
+        raise ConfigurationError(f"{what}: cannot be made without arguments: {told}") from error
 
 
 def is_shipped(kind: type[Method]) -> bool:
     """Whether it is one of ours."""
     return kind.__module__.split(".")[:2] == ["jouleswarm", "methods"]
+
+
+def in_a_line(value: Any, as_text: Callable[[Any], str] = repr) -> str:
+    """Whatever it is, short and without line ends."""
+    return " ".join(as_text(value).split())[:200]
 
 
 def unfit(found: Any, shapes: Shapes) -> str:
@@ -62,8 +74,8 @@ def _wrong(kind: type[Method]) -> str:
     name: Any = kind.name
     if not isinstance(name, str) or not is_method_name(name):
         return (
-            f'its name is {name!r:.60}, expected letters, digits, _ - and ., such as name = "median", and no ending -t '
-            "and a number"
+            f'its name is {in_a_line(name)}, expected letters, digits, _ - and ., such as name = "median", and no '
+            "ending -t and a number"
         )
     if name in SHIPPED["methods"]:
         return f"its name is {name}, which is that of a method that ships here; give it one of its own"
@@ -74,8 +86,4 @@ def _wrong(kind: type[Method]) -> str:
             return f"its {attribute} is {getattr(kind, attribute)!r}, expected one of {', '.join(kinds)}"
     if kind.sends == "experience" and (kind.partners != "datacenter" or kind.serve is Method.serve):
         return 'it sends experience, expected partners = "datacenter" and a function serve(round_) that learns from it'
-    try:
-        kind()
-    except Exception as error:  # whatever a class of the user's does
-        return f"it cannot be made without arguments: {type(error).__name__}: {' '.join(str(error).split())}"
     return ""

@@ -10,7 +10,7 @@ import numpy as np
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.types import Weights
-from jouleswarm.methods.contract import is_shipped, read_only, unfit
+from jouleswarm.methods.contract import in_a_line, is_shipped, read_only, unfit
 from jouleswarm.methods.method import DATACENTER, ClusterRound, Method, Update
 
 SHAPES = {"0.weight": (3, 2), "0.bias": (3,)}
@@ -70,7 +70,7 @@ def try_penalty(method: Method) -> None:
     found = _call(lambda: method.penalty(params, start), what)
     is_one = isinstance(found, torch.Tensor) and found.ndim == 0 and bool(torch.isfinite(found))
     if not (is_one or isinstance(found, int | float)):
-        got = f"a tensor of shape {list(found.shape)}" if isinstance(found, torch.Tensor) else f"{found!r:.60}"
+        got = f"a tensor of shape {list(found.shape)}" if isinstance(found, torch.Tensor) else in_a_line(found)[:60]
         raise ConfigurationError(f"{what}: got {got}, expected one finite number: a tensor without dimensions, or 0.0")
 
 
@@ -110,7 +110,9 @@ def _try_to_mix(kind: type[Method], own: Weights, theirs: Mapping[int, Update]) 
 def _try_to_serve(kind: type[Method], round_: ClusterRound) -> None:
     found = _call(lambda: kind().serve(round_), "serve")
     if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], int):
-        raise ConfigurationError(f"serve: got {found!r:.60}, expected weights and the number of batch gradients")
+        raise ConfigurationError(
+            f"serve: got {in_a_line(found):.60}, expected weights and the number of batch gradients"
+        )
     if wrong := unfit(found[0], SHAPES):
         raise ConfigurationError(f"serve: {wrong}")
 
@@ -119,8 +121,8 @@ def _call(function: Callable[[], Any], what: str) -> Any:
     try:
         return function()
     except Exception as error:  # whatever a function of the user's does
-        told = " ".join(str(error).split())
-        raise ConfigurationError(f"{what} failed when it was tried: {type(error).__name__}: {told}") from error
+        told = f"{type(error).__name__}: {in_a_line(error, str)}"
+        raise ConfigurationError(f"{what} failed when it was tried: {told}") from error
 
 
 def _weights(rng: np.random.Generator) -> Weights:

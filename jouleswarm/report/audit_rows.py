@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.closed_form import ClusterRounds, closed_form
 from jouleswarm.energy.facts import Counts

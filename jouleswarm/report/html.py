@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.figures import CAPTIONS, inline_svgs
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts, warnings

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.carbon import has_carbon
 from jouleswarm.energy.literal import downlink_bit_per_j, literal
 from jouleswarm.energy.prices import own_lists

@@ -15,8 +15,8 @@ from rich.table import Table
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.format import TextTable

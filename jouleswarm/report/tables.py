@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import PARTS, SITES, Cost, cause_parts, causes_of, site_parts
 from jouleswarm.energy.carbon import carbon, has_carbon

@@ -17,6 +17,7 @@ from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import STAGE, Counts, Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price, price_lists
@@ -156,13 +157,13 @@ class View:
 
     def _meta_round(self, method: str) -> int:
         newest = self._recorder.newest.items()
-        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, "maml"))
+        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, RowPhase.ML))
         return max(rounds, default=0)
 
     def _rows(self, arm: str, task: int) -> list[RoundRow]:
         """The newest row of each robot of a cluster that has begun to learn."""
         rows = (self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task))
-        return [row for row in rows if row is not None and row.phase == "fl"]
+        return [row for row in rows if row is not None and row.phase == RowPhase.FL]
 
     def _is_over(self, arm: str) -> bool:
         return all(

@@ -13,6 +13,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link, agent_of, task_of
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.closed_form import RoundSizes
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, Work
 from jouleswarm.methods.graph import directed_links
@@ -21,7 +22,7 @@ from jouleswarm.runs.facts import meta_counts, meta_rounds, stage_share, task_co
 from jouleswarm.runs.sizes import expected_counts
 from jouleswarm.runs.traffic import DATA_CENTER, RECORDER, Measure, deliveries, metered_by
 
-_PHASES: dict[str, Phase] = {"maml": "ml", "fl": "fl"}  # as rows and counters spell them
+_PHASES: dict[str, Phase] = {RowPhase.ML: "ml", RowPhase.FL: "fl"}  # as rows and counters spell them
 
 
 def arm_facts(
@@ -131,16 +132,16 @@ def _work(rows: Sequence[RoundRow], lost: Sequence[WorkRow], arm: str) -> Iterat
     method, snapshot, share = method_of(arm), snapshot_of(arm), stage_share(rows, arm)
     found: dict[tuple[Phase, int, str], list[float]] = {}  # plain, exact, seconds
     for row in rows:
-        behind = (row.phase, row.arm) == ("maml", method) and (snapshot is None or row.round <= snapshot)
-        if behind or (row.phase, row.arm) == ("fl", arm):
+        behind = (row.phase, row.arm) == (RowPhase.ML, method) and (snapshot is None or row.round <= snapshot)
+        if behind or (row.phase, row.arm) == (RowPhase.FL, arm):
             sums = found.setdefault((_PHASES[row.phase], row.task, client_of(row.agent)), [0, 0, 0])
             exact = row.gradients_query or 0
             for place, done in enumerate((row.gradients - exact, exact, row.seconds)):
                 sums[place] += done
     for wasted in lost:
-        if (wasted.phase, wasted.arm) in (("maml", method), ("fl", arm)):
+        if (wasted.phase, wasted.arm) in ((RowPhase.ML, method), (RowPhase.FL, arm)):
             sums = found.setdefault((_PHASES[wasted.phase], wasted.task, wasted.client), [0, 0, 0])
-            part = share if wasted.phase == "maml" else 1.0
+            part = share if wasted.phase == RowPhase.ML else 1.0
             sums[0] += part * wasted.gradients
             sums[1] += part * wasted.gradients_query
     for (phase, task, client), spent in found.items():

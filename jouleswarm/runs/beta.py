@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from statistics import fmean
 
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.methods.shipped import shipped
 
 
@@ -14,7 +15,7 @@ def measured_beta(rows: Iterable[RoundRow], method: str) -> float | None:
 
     None if it was not measured.
     """
-    mine = [row for row in rows if (row.arm, row.phase, row.agent) == (method, "maml", 0)]
+    mine = [row for row in rows if (row.arm, row.phase, row.agent) == (method, RowPhase.ML, 0)]
     kind = shipped(method)  # of a user's: where it has gradients on B^(b), they may be exact
     if not (any(row.gradients_query for row in mine) if kind is None else kind.exact and mine):
         return 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.arms import method_of
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Joules, parts
 from jouleswarm.energy.closed_form import TABLE_I, RoundSizes
 from jouleswarm.energy.facts import Facts

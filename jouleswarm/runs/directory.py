@@ -14,15 +14,17 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.rowfile import RowFile
 from jouleswarm.common.disk.seals import Seal
-from jouleswarm.common.disk.state import State, StateFile, write_whole
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
@@ -112,6 +114,10 @@ class RunDirectory:
     def round(self, row: RoundRow) -> None:
         """Append a row (see `RowFile.add`)."""
         self._rows.add(row)
+
+    def begin_again(self, is_over: Callable[[RoundRow], bool]) -> None:
+        """The rows that were the last ones of their robots are not, but those of which that `is_over` holds."""
+        self._rows.amend(lambda row: row if is_over(row) else row.model_copy(update={"learned": None}))
 
     def complete(self, rows: Iterable[RoundRow]) -> None:
         """Append those of a process's rows that have not come or were lost."""

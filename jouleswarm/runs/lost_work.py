@@ -9,6 +9,7 @@ from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import Counts
 
 _COUNTS = ("gradients", "gradients_query", "motions")
@@ -51,4 +52,4 @@ def lost_counts(lost: Iterable[WorkRow], share: float = 1.0) -> Counts:
 
 def lost_motions(lost: Iterable[WorkRow], arm: str) -> int:
     """Motions that robots made for nothing in an arm, or in the meta-learning before it; the model prices none."""
-    return sum(row.motions for row in lost if row.arm == arm or (row.phase, row.arm) == ("maml", method_of(arm)))
+    return sum(row.motions for row in lost if row.arm == arm or (row.phase, row.arm) == (RowPhase.ML, method_of(arm)))

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.closed_form import TABLE_I
 from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS
 from jouleswarm.methods.shipped import shipped

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jouleswarm.common.errors import StudyError
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.facts import STAGE, Counts, Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.carbon import Carbon, carbon, has_carbon
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList

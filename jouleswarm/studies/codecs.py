@@ -10,8 +10,8 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 
 from jouleswarm.common.scenario.arms import method_of
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.bill import Cost
 from jouleswarm.energy.literal import BITS_PER_BYTE, literal
 from jouleswarm.energy.prices import PriceList, own_lists, price_lists

@@ -9,6 +9,7 @@ from statistics import fmean
 
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import STAGE
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.facts import TaskResult
@@ -45,7 +46,7 @@ def first_round(rewards: Sequence[Sequence[float]], target: float, window: int) 
 
 
 def _meta_fact(run: Run, arm: Arm) -> Fact:
-    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == ("maml", arm.method, 0)]
+    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == (RowPhase.ML, arm.method, 0)]
     return Fact(
         **_head(run, arm),
         task=META_STAGE,
@@ -64,7 +65,9 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
 
 def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
     rows = [
-        row for row in run.rows if (row.phase, row.arm, row.task) == ("fl", arm.name, result.task) and row.agent != 0
+        row
+        for row in run.rows
+        if (row.phase, row.arm, row.task) == (RowPhase.FL, arm.name, result.task) and row.agent != 0
     ]
     rewards = _rewards(rows)
     target = run.scenario.federation.target_reward

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.literal import BITS_PER_BYTE
 from jouleswarm.energy.prices import PriceList, own_lists

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
 from jouleswarm.runs.paper import PrintedTotal, printed_total

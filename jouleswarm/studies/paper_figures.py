@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jouleswarm.common.errors import StudyError
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Phase
 from jouleswarm.energy.literal import literal

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy import literal as e
 from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.closed_form import ClusterRounds, closed_form

@@ -9,9 +9,9 @@ import pytest
 
 from jouleswarm.common.bus.agreement import terms
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.bill import CAUSES, PARTS, Bill, Cost, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.facts import STAGE, Counts, Facts, UnknownFactError
 from jouleswarm.energy.literal import literal

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.repricing import Prices, parse_beta, reprice
 
 

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire.topics import weights
 from jouleswarm.energy.closed_form import TABLE_I
 from jouleswarm.energy.literal import literal

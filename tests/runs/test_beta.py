@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.facts import STAGE, Counts, Facts

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.facts import Counts, StageCounts

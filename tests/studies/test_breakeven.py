@@ -8,7 +8,7 @@ import pytest
 
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.facts import Counts
 from jouleswarm.energy.published import published
 from jouleswarm.studies.breakeven import Costs, MeanCounts, break_even_tasks, costs, gain, gain_map, mean_counts

@@ -3,7 +3,7 @@
 import pytest
 
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES, Bill, Cost, parts
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal

@@ -102,7 +102,7 @@ def _map_misfits(scenario: Scenario, task: int) -> Iterator[str]:
 
 def _motions_misfits(scenario: Scenario) -> Iterator[str]:
     """The data center learns from a motion once the next one of its episode has come (see datacenter/experience.py)."""
-    drawing = [method for method in scenario.methods if method in (*scenario.meta_methods, "centralized")]
+    drawing = scenario.experience_methods
     if drawing and world_of(scenario).max_motions < 2:
         yield (
             f"world.max_motions is 1 and methods has {', '.join(drawing)}: the data center would have rounds "
