@@ -76,20 +76,21 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
     """Print a run's tables; `energy` in place of the scenario's own constants prices it again."""
     energy = energy or run.scenario.energy
     console = console or Console()
-    for line in warnings(run):
-        console.print(line, style="bold red", highlight=False)
-    console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
-    for table in (rounds_table(run), rewards_table(run), totals_table(run, energy)):
-        console.print(_table(table))
     detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
-    for arm in detailed:
-        console.print(_table(energy_table(run, arm, energy)))
-    for table in (
+    tables = [  # all of them before anything is printed: a price list of the user's may fail
+        rounds_table(run),
+        rewards_table(run),
+        totals_table(run, energy),
+        *(energy_table(run, arm, energy) for arm in detailed),
         *causes_tables(run, energy),
         *sites_tables(run, energy),
         *lost_tables(run, energy),
         bytes_table(run, energy),
-    ):
+    ]
+    for line in warnings(run):
+        console.print(line, style="bold red", highlight=False)
+    console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
+    for table in tables:
         console.print(_table(table))
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)
