@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.codecs.frames import shrink
-from jouleswarm.codecs.observations import encode_experience
+from jouleswarm.codecs.observations import encode_experience, experience_codec_of
 from jouleswarm.common.disk.state import State, generator_state, load_generator
 from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.scenario import Scenario
@@ -51,7 +51,7 @@ class Explorer:
         self._scenario, self._agent = scenario, agent
         self._task = scenario.task_of(agent)
         self._env, self._evaluation = (TaskEnvironment(scenario, self._task) for _ in range(2))
-        self._kept = scenario.spaces.observation.kept(scenario.network)
+        self._kept, self._codec = scenario.spaces.observation.kept(scenario.network), experience_codec_of(scenario)
         self._arm, self._starts = "", self._starts_of(scenario.cluster(self._task), scenario.learning.starts)
         self._rng = stream(scenario.seed, "explore", agent)
         self._rounds = 0  # since `begin`
@@ -167,7 +167,7 @@ class Explorer:
                 first=motion.first,
                 terminated=motion.step.terminated,
             )
-            yield encode_experience(motion.shown, header, self._scenario.meta.experience_codec, self._kept)
+            yield encode_experience(motion.shown, header, self._codec)
 
     def _walk(self, choose: Callable[[Array], int], starts: Options, rng: np.random.Generator) -> Iterator[Motion]:
         """A round's motions; it begins with another look from where the round before ended."""

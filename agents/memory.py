@@ -13,7 +13,8 @@ from jouleswarm.common.bus.reporter import HANDED_IN
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.seals import Growing
-from jouleswarm.common.disk.state import STATE_FILE, Keep, State, StateFile, Stateful
+from jouleswarm.common.disk.state import STATE_FILE, Keep, State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS

@@ -25,7 +25,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.rows import RoundRow, measured
 from jouleswarm.common.wire.saved_models import encode_saved_model
-from jouleswarm.common.wire.types import Weights
+from jouleswarm.common.wire.types import RowPhase, Weights
 from jouleswarm.learning.heads import head_of, meta_shapes, start_of
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
 from jouleswarm.learning.start import start_weights
@@ -120,7 +120,7 @@ class Robot:
         """Send experience up while the data center asks for it; return the model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
-        self.explorer.tally = self._meter.tally("maml", method, self.task)
+        self.explorer.tally = self._meter.tally(RowPhase.ML, method, self.task)
         if self.agent in self.scenario.training_agents.get(self.task, ()):
             while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
@@ -128,7 +128,7 @@ class Robot:
                     for payload in self.explorer.motions(round_):
                         self.meta.publish_motion(method, payload)
                     sent.add(round_)
-                    self.exchange.report(self._row("maml", method, round_, begun))
+                    self.exchange.report(self._row(RowPhase.ML, method, round_, begun))
         return start_of(self.meta.await_model(arm, t0), self.task)
 
     def learn(self, arm: Arm, method: Method, weights: Weights, end: RoundRow | None = None) -> None:
@@ -138,7 +138,7 @@ class Robot:
         """
         scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
         neighbourhood = exchange.here
-        tally = self.explorer.tally = self._meter.tally("fl", arm.name, self.task)
+        tally = self.explorer.tally = self._meter.tally(RowPhase.FL, arm.name, self.task)
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
         here = Here(scenario, self.agent, arm, method, exchange, self.explorer, ledger)

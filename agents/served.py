@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jouleswarm.agents.peers import Exchange, names
+from jouleswarm.agents.membership import names
+from jouleswarm.agents.peers import Exchange
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError

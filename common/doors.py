@@ -13,6 +13,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -53,8 +54,14 @@ SHIPPED: dict[Kind, dict[str, str]] = {
         "float16": "jouleswarm.codecs.floats:Float16",
         "int8": "jouleswarm.codecs.int8:Int8",
         "topk": "jouleswarm.codecs.topk:TopK",
+        "raw": "jouleswarm.codecs.raw:Raw",
+        "png": "jouleswarm.codecs.png:Png",
+        "resized": "jouleswarm.codecs.resized:Resized",
     },
-    "prices": {},
+    "prices": {
+        "literal": "jouleswarm.energy.literal:literal",
+        "published": "jouleswarm.energy.published:published",
+    },
 }
 
 CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
@@ -62,11 +69,14 @@ CONTRACTS: dict[Kind, str] = {"methods": "jouleswarm.methods.contract:keep"}
 contract. It takes what was found and its name in words, and raises ConfigurationError."""
 
 TRIALS: dict[Kind, str] = {
-    "codecs": "jouleswarm.codecs.trial:try_codec",
+    "codecs": "jouleswarm.codecs.trial:try_codecs",
     "methods": "jouleswarm.methods.trial:try_methods",
 }
 """Who tries what a scenario names, when the scenario is read: `module:function` of the room that knows the contract.
 It takes the scenario, and raises ConfigurationError."""
+
+
+_loading = threading.RLock()  # a module is in sys.modules before it is whole
 
 
 def words(kind: Kind) -> dict[str, str]:
@@ -152,8 +162,11 @@ def _load(path: Path) -> ModuleType:
     """A file as a module of its own name, once for each content."""
     key = hashlib.sha256(f"{path.resolve()} {digest(path)}".encode()).hexdigest()
     unique = f"jouleswarm_doors_{key[:16]}_{path.stem}"
-    if unique in sys.modules:
-        return sys.modules[unique]
+    with _loading:
+        return sys.modules[unique] if unique in sys.modules else _executed(path, unique)
+
+
+def _executed(path: Path, unique: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(unique, path)
     assert spec is not None
     assert spec.loader is not None

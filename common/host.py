@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.common.disk.state import write_whole
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.wire.messages import MAX_PROCESSOR, Presence
 

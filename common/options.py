@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
-SCENARIO_HELP = "Scenario: a TOML file, or a name: toy, quick, paper, hexapod."
+SCENARIO_HELP = "Scenario: a TOML file, or a name such as toy, quick or paper."
 
 ScenarioOption = Annotated[Path, typer.Option(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
 BrokerOption = Annotated[

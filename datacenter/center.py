@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -16,19 +15,18 @@ from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
-from jouleswarm.common.bus.reporter import HANDED_IN, Reporter
-from jouleswarm.common.disk.lock import LOCK
+from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.disk.state import NOTHING, Keep, State
 from jouleswarm.common.errors import TrainingError
-from jouleswarm.common.host import PROCESSOR, arithmetic
+from jouleswarm.common.host import arithmetic
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, Presence, decode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
-from jouleswarm.common.wire.types import Weights
-from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
+from jouleswarm.common.wire.types import RowPhase, Weights
+from jouleswarm.datacenter.checkpoint import Checkpoint, forget, owner_of
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
 from jouleswarm.datacenter.experience import Motion, TrainingExperience
@@ -56,7 +54,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     agreement = Agreement(center.listener, scenario, run)
     agreement.settle()
     center.identity.announce(0)  # who would be a second one hears it at once
-    stages = {method: center.checkpoint("maml", method, method, keep) for method in scenario.meta_methods}
+    stages = {method: center.checkpoint(RowPhase.ML, method, method, keep) for method in scenario.meta_methods}
     served = [arm for arm in scenario.arms if scenario.method(arm.method).partners == "datacenter"]
     services = {arm: center.checkpoint("fl", arm.name, f"{arm.name}{SERVED if arm.t0 else ''}", keep) for arm in served}
     checkpoints = [*stages.values(), *services.values()]
@@ -73,7 +71,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
     filters = [*center.identity.filters, *agreement.filters]
     center.reporter.hand_over(filters, center.identity.presence, done, stay=stay)
     if not keep.at_the_end:
-        _forget(state, checkpoints)
+        forget(state, checkpoints)
     center.reporter.leave(center.identity.presence)
 
 
@@ -96,7 +94,7 @@ class DataCenter:
     def checkpoint(self, phase: str, arm: str, name: str, keep: Keep) -> Checkpoint:
         """Of a method's stage, or of an arm's service."""
         folder, limits = self._state / name if self._state else None, self.scenario.federation
-        until = f"{limits.max_rounds} rounds, {limits.target_reward}" if keep.ends and phase == "fl" else None
+        until = f"{limits.max_rounds} rounds, {limits.target_reward}" if keep.ends and phase == RowPhase.FL else None
         owner = owner_of(self.scenario, self.run, arm)
         return Checkpoint(folder, owner, (phase, arm), durable=keep.durable, until=until)
 
@@ -106,7 +104,7 @@ class DataCenter:
         arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
         make = scenario.method(method)
         stage, experience = make.stage(scenario), TrainingExperience(scenario, checkpoint.folder)
-        stage.tally = partial(self.bus.meter.tally, "maml", method)
+        stage.tally = partial(self.bus.meter.tally, RowPhase.ML, method)
         collector = Collector(self.listener, scenario, self.run, method)
         training = Training(stage, experience)
         done, models = checkpoint.restore(training), checkpoint.models()
@@ -153,7 +151,7 @@ class DataCenter:
     def serve(self, arm: Arm, checkpoint: Checkpoint) -> None:
         """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
         scenario = self.scenario
-        service = service_of(scenario, arm, checkpoint.folder, partial(self.bus.meter.tally, "fl", arm.name))
+        service = service_of(scenario, arm, checkpoint.folder, partial(self.bus.meter.tally, RowPhase.FL, arm.name))
         opened = 2 * scenario.arms.index(arm) + 1
         desk = ClusterDesk(self.listener, scenario, self.run, arm.name, service, done=opened + 1)
         for task in scenario.clusters:
@@ -169,7 +167,7 @@ class DataCenter:
             desk.answer(turn, payload)
             if gradients:
                 row = RoundRow(
-                    phase="fl",
+                    phase=RowPhase.FL,
                     arm=arm.name,
                     task=turn.task,
                     agent=0,
@@ -199,7 +197,7 @@ class DataCenter:
     ) -> None:
         for task, counts in gradients.items():
             row = RoundRow(
-                phase="maml",
+                phase=RowPhase.ML,
                 arm=method,
                 task=task,
                 agent=0,
@@ -238,15 +236,3 @@ def hear_presence(message: Message, listener: Listener, identity: Identity) -> N
         identity.heard(presence)
     else:
         listener.otherwise(message)
-
-
-def _forget(state: Path | None, checkpoints: Sequence[Checkpoint]) -> None:
-    """The run is over: leave no trace."""
-    for checkpoint in checkpoints:
-        checkpoint.clear()
-    if state is not None:
-        own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
-        for path in (path for each in own for path in state.glob(each)):
-            path.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # somebody else's files may be in it
-            state.rmdir()

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from jouleswarm.common.bus.reporter import HANDED_IN
+from jouleswarm.common.disk.files import sync, write_whole
 from jouleswarm.common.disk.lines import whole_lines
+from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.seals import Growing, Seal
-from jouleswarm.common.disk.state import State, StateFile, Stateful, sync, write_whole
+from jouleswarm.common.disk.state import State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.host import PROCESSOR
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
@@ -160,3 +166,15 @@ class Checkpoint:
 def owner_of(scenario: Scenario, run: str, method: str) -> str:
     """Of all that a method's state depends on: it goes on bit by bit only where this is the same."""
     return hashlib.sha256(f"{run} {method} {scenario.determines}".encode()).hexdigest()
+
+
+def forget(state: Path | None, checkpoints: Sequence[Checkpoint]) -> None:
+    """The run is over: leave no trace."""
+    for checkpoint in checkpoints:
+        checkpoint.clear()
+    if state is not None:
+        own = ("rounds.jsonl", PROCESSOR, LOCK, "counters*", f"*{HANDED_IN}")
+        for path in (path for each in own for path in state.glob(each)):
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # somebody else's files may be in it
+            state.rmdir()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.errors import PayloadError
@@ -19,6 +20,7 @@ class Collector(Desk):
 
     def __init__(self, listener: Listener, scenario: Scenario, run: str, method: str) -> None:
         super().__init__(listener, scenario, run, method)
+        self._codec = experience_codec_of(scenario)
         self._ready = 2 * scenario.arm_names.index(method) + 1
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
         self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
@@ -102,7 +104,7 @@ class Collector(Desk):
 
     def _take_motion(self, message: Message) -> None:
         _, _, _, _, task, agent, _ = message.topic.split("/")
-        read = read_motion(message.payload, self._scenario)
+        read = read_motion(message.payload, self._scenario, self._codec)
         header = read.header
         if (header.task, header.agent) != (int(task), int(agent)):
             raise PayloadError(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from jouleswarm.codecs.codec import Codec
 from jouleswarm.codecs.observations import decode_experience
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
@@ -27,15 +28,15 @@ class Motion:
     payload_bytes: int = 0
 
 
-def read_motion(payload: Payload, scenario: Scenario) -> Motion:
-    """A motion from the uplink.
+def read_motion(payload: Payload, scenario: Scenario, codec: Codec) -> Motion:
+    """A motion from the uplink, through the scenario's `codec` of experience.
 
     Raises:
         PayloadError: it is none of this scenario's observations, actions and codec.
     """
     spaces = scenario.spaces
     kept = spaces.observation.kept(scenario.network)
-    frame, header = decode_experience(payload, scenario.meta.experience_codec, spaces.observation, kept)
+    frame, header = decode_experience(payload, codec, spaces.observation, kept)
     if header.action >= (actions := len(spaces.actions)):
         raise PayloadError(f"motion of robot {header.agent}: action {header.action}, expected 0 to {actions - 1}")
     return Motion(frame, header, len(payload))

@@ -8,6 +8,7 @@ from typing import Any
 
 from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.models import read_model
+from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError, TrainingError
@@ -141,6 +142,7 @@ class ExperienceService:
         self._methods: dict[int, Method] = {task: scenario.method(arm.method) for task in scenario.clusters}
         self._learners = {task: self._learner(task) for task in scenario.clusters}
         self._walks = {task: Walks(learner.replay, scenario.motions) for task, learner in self._learners.items()}
+        self._codec = experience_codec_of(scenario)
         self._encoders = {task: WeightsEncoder(codec_of(scenario)) for task in scenario.clusters}
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
 
@@ -154,7 +156,7 @@ class ExperienceService:
         Raises:
             PayloadError: not a motion of this robot.
         """
-        motion = read_motion(payload, self._scenario)
+        motion = read_motion(payload, self._scenario, self._codec)
         header = motion.header
         if (header.task, header.agent) != (task, agent):
             raise PayloadError(

@@ -1,22 +1,34 @@
-"""The house of JouleSwarm: docs/architecture.md shows its rooms."""
+"""JouleSwarm from Python: `from jouleswarm import run, Run`. What is named here is loaded when it is asked for.
+
+docs/architecture.md shows the rooms of the house.
+"""
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jouleswarm.api import Run as Run
+    from jouleswarm.api import run as run
+    from jouleswarm.energy.literal import literal as literal
     from jouleswarm.learning.qnetwork import QNetwork as QNetwork
     from jouleswarm.methods.method import Method as Method
 
+_HOMES = {
+    "run": "jouleswarm.api",
+    "Run": "jouleswarm.api",
+    "Method": "jouleswarm.methods.method",
+    "QNetwork": "jouleswarm.learning.qnetwork",
+    "literal": "jouleswarm.energy.literal",
+}
+
 
 def __getattr__(name: str) -> Any:
-    """What others build on, loaded when it is asked for: `import jouleswarm` costs nothing."""
-    if name == "QNetwork":
-        from jouleswarm.learning.qnetwork import QNetwork
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
 
-        return QNetwork
-    if name == "Method":
-        from jouleswarm.methods.method import Method
 
-        return Method
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

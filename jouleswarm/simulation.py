@@ -19,6 +19,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import decode_json
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.datacenter.center import run_datacenter
 
 
@@ -91,7 +92,7 @@ def main() -> None:
     for arm in scenario.arm_names:
         ends = {}
         for row in outcome.rows:
-            if row.arm == arm and row.phase == "fl":
+            if row.arm == arm and row.phase == RowPhase.FL:
                 ends[row.task] = (row.round, row.learned, row.cluster_reward)
         told = " ".join(
             f"{task}:{n}{'' if ok else '!'}({-999 if r is None else r:.0f})" for task, (n, ok, r) in ends.items()

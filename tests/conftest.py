@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import hypothesis
 import pytest
 import torch
 
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.fleet.keys import make_keys
 from tests.made_up_run import facts, write_run  # noqa: F401 -- fixtures of several rooms' tests
+
+# A machine that has much to do is slow, which is no fault of the code: no example has a time limit.
+hypothesis.settings.register_profile("no deadline", deadline=None)
+hypothesis.settings.load_profile("no deadline")
 
 TOY = Path(__file__).parents[1] / "scenarios" / "toy.toml"
 

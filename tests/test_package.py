@@ -154,7 +154,6 @@ def test_in_a_checkout_a_process_is_started_by_its_folder(process: str) -> None:
 def test_an_unknown_scenario_is_one_line_and_exit_code_2(call: Callable[..., Done], tmp_path: Path) -> None:
     done = call("jouleswarm", "run", "tyo")
     assert done.code == 2
-    assert done.text == (
-        "jouleswarm run: scenario tyo: no file here, expected one or a name: hexapod, paper, quick, toy\n"
-    )
+    assert done.text.startswith("jouleswarm run: scenario tyo: no file here, expected one or a name: ")
+    assert len(done.text.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

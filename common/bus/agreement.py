@@ -119,7 +119,7 @@ def terms(scenario: Scenario) -> dict[str, Any]:
     data["energy"] = {"beta": data["energy"]["beta"]}  # a measured one is the data center's work
     data["bus"] = {"qos": data["bus"]["qos"]}
     del data["federation"]["give_up_after_s"]
-    data["doors"] = scenario.digests
+    data["doors"] = scenario.learned_by
     return dict(_flat(data, ""))
 
 

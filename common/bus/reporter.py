@@ -20,8 +20,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.state import write_whole
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire import topics

@@ -64,6 +64,17 @@ class Lock:
         self.release()
 
 
+def is_held(folder: Path) -> bool:
+    """Whether somebody is at work on a folder; what is there stays as it is."""
+    path = folder / LOCK
+    if not path.exists():
+        return False
+    descriptor = _hold(path)
+    if descriptor is not None:
+        os.close(descriptor)
+    return descriptor is None
+
+
 def await_free(folder: Path, wait_s: float, told: Callable[[str], None]) -> None:
     """Wait until nobody holds a folder; `told` for whom.
 

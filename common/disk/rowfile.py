@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.state import write_whole
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.wire.rows import RoundRow

@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import KEYS, read_counters
 from jouleswarm.common.wire.rows import RoundRow

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any, NamedTuple, Protocol
+
+from jouleswarm.common.scenario.sections import Meta
 
 _ON_THE_WAY = re.compile(r"(.+)-t(\d+)")
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
@@ -49,3 +52,14 @@ def snapshot_of(arm: str) -> int | None:
 def is_method_name(name: str) -> bool:
     """Whether a method can be called so: a level of topics and of file names, that no arm on the way can be named."""
     return _NAME.fullmatch(name) is not None and snapshot_of(name) is None and name not in _TAKEN
+
+
+def arms_of(methods: Iterable[type[AnyMethod]], settings: Meta) -> tuple[Arm, ...]:
+    """What robots do one after the other: each method, from each meta-model that is adapted."""
+    arms: list[Arm] = []
+    for kind in methods:
+        meta = kind.stage is not None
+        on_the_way = sorted(set(settings.adapt_from) - {settings.t0}) if meta else []
+        arms += [Arm(arm_name(kind.name, t0), kind.name, t0) for t0 in on_the_way]
+        arms.append(Arm(kind.name, kind.name, settings.t0 if meta else 0))
+    return tuple(arms)

@@ -74,8 +74,8 @@ def with_own(factory: Any, given: Mapping[str, Any], core: Mapping[str, Any], fo
     own = _own_model(factory).model_validate({**others, "tasks": fields})
     tables = {name: getattr(own, name) for name in type(own).model_fields}
     pairs = zip(tasks, tables.pop("tasks"), strict=True)
-    data["tasks"] = [{**task, **{name: getattr(own, name) for name in type(own).model_fields}} for task, own in pairs]
-    return data | tables
+    merged = [{**task, **{name: getattr(own, name) for name in type(own).model_fields}} for task, own in pairs]
+    return data | tables | ({"tasks": merged} if "tasks" in data else {})
 
 
 @lru_cache(maxsize=16)

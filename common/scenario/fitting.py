@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Federation
-from jouleswarm.common.scenario.spaces import PNG_CHANNELS, Interface, Spaces, shipped_tensors
+from jouleswarm.common.scenario.spaces import Interface, Spaces, shipped_tensors
 
 MAX_ROBOTS = 1000
 MAX_PARAMETERS = 60_000_000
@@ -33,7 +33,6 @@ def size_misfits(scenario: Scenario, spaces: Spaces, interface: Interface | None
     """What does not fit of a scenario whose environment is known, and perhaps its network."""
     if interface is not None:
         yield from _network(scenario, interface)
-    yield from _experience(scenario, spaces)
     yield from _space(scenario, spaces)
 
 
@@ -61,15 +60,6 @@ def _network(scenario: Scenario, interface: Interface) -> Iterator[str]:
     elif (parameters := sum(interface.entries)) > MAX_PARAMETERS:
         named = "network.width, height, conv and dense come" if network.build is None else "the network's layers come"
         yield f"{named} to {parameters} parameters, expected {MAX_PARAMETERS} at most"
-
-
-def _experience(scenario: Scenario, spaces: Spaces) -> Iterator[str]:
-    codec, seen = scenario.meta.experience_codec, spaces.observation
-    if codec != "raw" and not seen.is_image:
-        yield f'meta.experience_codec "{codec}" is for images, the environment shows {seen}; expected "raw"'
-    elif codec == "png" and seen.shape[2] not in PNG_CHANNELS:
-        channels = ", ".join(map(str, PNG_CHANNELS))
-        yield f'meta.experience_codec "png" is for images of {channels} channels, the environment shows {seen}'
 
 
 def _empty_draws(scenario: Scenario) -> Iterator[str]:

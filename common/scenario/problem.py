@@ -21,7 +21,11 @@ class Problem(Section):
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=200)
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9_.-]+$",
+        max_length=200,
+        description="of the run on the bus, and the beginning of its folder's",
+    )
     environment: str = Field(
         LANDMARKS, max_length=200, description="landmarks, cartpole, minigrid, module:factory or a Gymnasium id"
     )
@@ -41,7 +45,13 @@ class Problem(Section):
         name, folder = data.get("environment", LANDMARKS), (info.context or {}).get("folder")
         if not isinstance(name, str):
             return data
-        return with_own(factory_of(name, folder), data, cls.model_fields, folder)
+        try:
+            factory = factory_of(name, folder)
+        except ConfigurationError:
+            if (info.context or {}).get("interface") is None:
+                raise
+            return data  # a run that was begun: its report needs no environment
+        return with_own(factory, data, cls.model_fields, folder)
 
     @property
     def factory(self) -> Any | None:
@@ -90,11 +100,10 @@ class Problem(Section):
     @property
     def known_spaces(self) -> Spaces | None:
         """Of the environment, where they are known without making it."""
+        for known in self._known():
+            return known.spaces if isinstance(known, Interface) else known
         told = getattr(self.factory, "spaces", None)
-        if told is not None:
-            found: Spaces = told(self)
-            return found
-        return next((each.spaces if isinstance(each, Interface) else each for each in self._known()), None)
+        return None if told is None else told(self)
 
     @property
     def spaces(self) -> Spaces:

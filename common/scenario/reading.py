@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import reprlib
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from pydantic import ValidationError
 from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.fitting import misfits
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Interface
@@ -22,16 +24,36 @@ from jouleswarm.common.scenario.spaces import Interface
 SCENARIOS = Path(str(files("jouleswarm"))) / "scenarios"
 
 
-def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Read a scenario file and apply `section.key=value` overrides (values are TOML, or plain text).
+Override = str | tuple[str, object]
+"""`section.key=value` (a value is TOML, or plain text), or (section.key, value)."""
+
+
+def load_scenario(given: str | Path | Mapping[str, Any], overrides: Iterable[Override] = ()) -> Scenario:
+    """Read a scenario file and apply overrides.
 
     A plain name is one that comes with the package: `quick`. A run's manifest.json is a scenario file too: the run's
-    own, resolved.
+    own, resolved. What a file would hold may be given itself. Files that a scenario names are looked for beside its
+    file; of one that is no file of the user's, in the current folder.
 
     Raises:
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
-    path = scenario_path(path)
+    if isinstance(given, Mapping):
+        data, where, folder, interface = copy.deepcopy(dict(given)), "given as a dict", Path.cwd(), None
+    else:
+        path = scenario_path(given)
+        (data, interface), where, folder = _read(path), str(path), path.parent
+        if folder == SCENARIOS:
+            folder = Path.cwd()
+        elif path.suffix == ".json":
+            folder /= DOORS
+    for override in overrides:
+        _apply(data, override)
+    return scenario_from(data, where, folder, interface)
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """What a file holds: a scenario, and its sizes where it is a run's manifest."""
     try:
         text = path.read_text(encoding="utf-8")
         held = parse_json(text) if path.suffix == ".json" else {"scenario": parse_toml(text)}
@@ -45,9 +67,7 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
-    for override in overrides:
-        _apply(data, override)
-    return scenario_from(data, str(path), path.parent / DOORS if path.suffix == ".json" else path.parent, interface)
+    return data, interface
 
 
 def scenario_path(path: str | Path) -> Path:
@@ -64,8 +84,31 @@ def scenario_path(path: str | Path) -> Path:
     return SCENARIOS / f"{path.name}.toml"
 
 
-def with_overrides(scenario: Scenario, overrides: Sequence[str], where: str) -> Scenario:
-    """A scenario with `section.key=value` overrides; `where` names its origin in errors.
+def with_prices(
+    scenario: Scenario, overrides: Iterable[Override], where: str, prices_folder: Path | None = None
+) -> Scenario:
+    """A scenario with overrides of its section energy; nothing else of it is looked at, nor needs to be there.
+
+    Args:
+        scenario: stays as it is.
+        overrides: `energy.key=value`.
+        where: names its origin in errors.
+        prices_folder: in which price lists are looked for before the scenario's own.
+
+    Raises:
+        ConfigurationError: as `load_scenario`.
+    """
+    data: dict[str, Any] = {"energy": scenario.energy.model_dump(mode="json")}
+    for override in overrides:
+        _apply(data, override)
+    try:
+        return scenario.at(Energy.model_validate(data["energy"]), prices_folder)
+    except ValidationError as error:
+        raise ConfigurationError(f"scenario {where}: {_one_line(error, 'energy.')}") from error
+
+
+def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str) -> Scenario:
+    """A scenario with overrides; `where` names its origin in errors.
 
     Raises:
         ConfigurationError: as `load_scenario`.
@@ -97,7 +140,7 @@ def scenario_from(
         scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
-    if misfit := next(misfits(scenario), None):
+    if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun
         raise ConfigurationError(f"scenario {where}: {misfit}")
     try:
         for kind in dict(scenario.named):
@@ -108,9 +151,10 @@ def scenario_from(
     return scenario
 
 
-def _apply(data: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    shown = repr(override) if len(override) <= 80 else repr(override[:77]) + "..."
+def _apply(data: dict[str, Any], override: Override) -> None:
+    told = override if isinstance(override, str) else "=".join(map(str, override))
+    shown = repr(told) if len(told) <= 80 else repr(told[:77]) + "..."
+    key, equals, text = told.partition("=")
     if not equals or not key:
         raise ConfigurationError(f"override {shown}: expected section.key=value, for example meta.t0=42")
     *sections, last = key.strip().split(".")
@@ -118,18 +162,22 @@ def _apply(data: dict[str, Any], override: str) -> None:
         data = data.setdefault(section, {})
         if not isinstance(data, dict):
             raise ConfigurationError(f"override {shown}: {section!r} is not a section")
+    data[last] = _value(text, shown) if isinstance(override, str) else override[1]
+
+
+def _value(text: str, shown: str) -> Any:
     try:
-        data[last] = parse_toml(f"value = {text}")["value"]
+        return parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        data[last] = text
+        return text
     except ValueError as error:
         raise ConfigurationError(f"override {shown}: {error}") from error
 
 
-def _one_line(error: ValidationError) -> str:
+def _one_line(error: ValidationError, within: str = "") -> str:
     parts = []
     for item in error.errors(include_url=False):
-        where = ".".join(str(level) for level in item["loc"])
+        where = within + ".".join(str(level) for level in item["loc"])
         got = "" if item["type"] in ("value_error", "missing", "extra_forbidden") else f", got {_short(item['input'])}"
         parts.append(f"{where}: {item['msg'].removeprefix('Value error, ')}{got}".removeprefix(": "))
     return "; ".join(parts)

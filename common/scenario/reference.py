@@ -9,14 +9,15 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from jouleswarm.common.scenario.environments import LANDMARKS, factory_of
 from jouleswarm.common.scenario.scenario import Scenario
 
 HEAD = """# Scenarios
 
 A scenario is one TOML file, checked before anything starts: what is unknown, out of bounds or does not fit together is
 refused with one line and exit code 2. This page is made from the models that check it, by `python -m
-jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. Four come
-with the package, by name:
+jouleswarm.common.scenario.reference`. `--set section.key=value` changes any field of a command's scenario. Seven
+come with the package, by name:
 
 | scenario | what |
 |---|---|
@@ -24,6 +25,9 @@ with the package, by name:
 | `paper` | the full-size DeepMind network: 1,391,268 parameters, 5,565,072 bytes; t0 = 210 |
 | `hexapod` | the authors' own grid and reward table |
 | `toy` | 2 tasks, 2 robots each, a tiny network: a first look in seconds |
+| `frozenlake` | Gymnasium's FrozenLake, a map for each task: numbers as observations |
+| `cartpole` | Gymnasium's CartPole, a pole length for each task: vectors |
+| `minigrid` | MiniGrid: images; needs `pip install jouleswarm[minigrid]` |
 
 A task of the landmarks is a drawing:
 
@@ -57,7 +61,16 @@ def reference() -> str:
         parts.append(
             f"## `{title}`\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema['$defs'][model.__name__], schema))}"
         )
-    return "\n".join(parts)
+    factory: Any = factory_of(LANDMARKS, None)
+    parts += [_own(f"[{name}]", model) for name, model in factory.sections.items()]
+    return "\n".join([*parts, _own("[[tasks]]", factory.task)])
+
+
+def _own(title: str, model: type[BaseModel]) -> str:
+    """A table that is there with the landmarks only, or what they add to one."""
+    schema = model.model_json_schema()
+    doc = inspect.cleandoc(model.__doc__ or "")
+    return f"## `{title}` of the landmarks\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema, schema))}"
 
 
 def section_of(annotation: Any) -> type[BaseModel] | None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import AnyMethod, Arm, arm_name
+from jouleswarm.common.scenario.arms import AnyMethod, Arm, arms_of
+from jouleswarm.common.scenario.crew import Crew
 from jouleswarm.common.scenario.edges import Edges, read_edges
-from jouleswarm.common.scenario.problem import Problem
-from jouleswarm.common.scenario.sections import Bus, Energy, Federation, Learning, Meta, Robot
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.sections import Bus
 
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
@@ -26,17 +28,16 @@ CHANGES_NOTHING: dict[str, bool | set[str]] = {
 how long."""
 
 
-class Scenario(Problem):
+class Scenario(Crew):
     """A whole experiment. Build one with `load_scenario`."""
 
-    seed: int = Field(1, ge=0, le=2**63 - 1)
-    methods: tuple[str, ...] = ("maml", "fl")
-    robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
-    learning: Learning = Learning()
-    federation: Federation = Federation()
-    meta: Meta = Meta()
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="of everything that is drawn: same seed, same bits")
+    methods: tuple[str, ...] = Field(
+        ("maml", "fl"), description="ways to learn, one after the other: words of docs/methods.md, or module:Class"
+    )
     energy: Energy = Energy()
     bus: Bus = Bus()
+    _prices_folder: Path | None = PrivateAttr(None)
 
     @field_validator("methods")
     @classmethod
@@ -94,8 +95,8 @@ class Scenario(Problem):
                 )
             if task_id in self.meta.training_tasks and self.meta.robots_per_task > size:
                 raise ValueError(f"meta.robots_per_task is {self.meta.robots_per_task}, task {task_id} has {size}")
-        if not self.files:
-            self._folder = None  # two scenarios are equal wherever they were read from
+        if not self.files and not any(":" in name for _, name in self.named):
+            self._folder = self._prices_folder = None  # two scenarios are equal wherever they were read from
         return self
 
     def _check_methods(self) -> None:
@@ -132,12 +133,17 @@ class Scenario(Problem):
             *((("networks", build),) if build is not None else ()),
             *(("methods", name) for name in self.methods),
             ("codecs", self.federation.codec),
+            ("codecs", self.meta.experience_codec),
+            *(("prices", name) for name in self.energy.prices),
         )
 
     @property
     def files(self) -> dict[str, Path]:
         """Files of the user's own, by their names: what comes in by doors, and what else the scenario names."""
-        found = (file_of(name, self._folder) for _, name in self.named)
+        return self._files(self.named)
+
+    def _files(self, named: Iterable[tuple[Kind, str]]) -> dict[str, Path]:
+        found = (file_of(name, self._folder_of(kind, name)) for kind, name in named)
         paths = [*(path for path in found if path is not None), *map(self.beside, self.named_files)]
         return {path.name: path for path in paths}
 
@@ -166,15 +172,40 @@ class Scenario(Problem):
         return {name: digest(path) for name, path in sorted(self.files.items())}
 
     @property
+    def learned_by(self) -> dict[str, str]:
+        """Those of `digests` that what is learned depends on: all but price lists."""
+        files = self._files((kind, name) for kind, name in self.named if kind != "prices")
+        return {name: found for name, found in self.digests.items() if name in files}
+
+    @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
         beside = getattr(self.factory, "digest", lambda scenario: "")(self)
-        return settings + (json.dumps(digests) if (digests := self.digests) else "") + beside
+        return settings + (json.dumps(digests) if (digests := self.learned_by) else "") + beside
 
     def open(self, kind: Kind, name: str) -> Any:
-        """What goes by a name of the scenario's (see `common.doors.enter`)."""
-        return enter(kind, name, self._folder)
+        """What goes by a name of the scenario's (see `common.doors.enter`), the same however its file changes."""
+        if (kind, name) not in self.opened:
+            self.opened[kind, name] = enter(kind, name, self._folder_of(kind, name))
+        return self.opened[kind, name]
+
+    def at(self, energy: Energy, prices_folder: Path | None) -> Self:
+        """The same at other prices; price lists are looked for in `prices_folder` first, if there is one."""
+        other = self.model_copy(update={"energy": energy})
+        other._prices_folder = prices_folder
+        vars(other)["opened"] = {key: found for key, found in self.opened.items() if key[0] != "prices"}
+        return other
+
+    @cached_property
+    def opened(self) -> dict[tuple[Kind, str], Any]:
+        """What has been opened so far."""
+        return {}
+
+    def _folder_of(self, kind: Kind, name: str) -> Path | None:
+        """The folder in which a name's file is looked for."""
+        first = self._prices_folder if kind == "prices" else None
+        return self._folder if file_of(name, first) is None else first
 
     @cached_property
     def _kinds(self) -> tuple[type[AnyMethod], ...]:
@@ -212,71 +243,9 @@ class Scenario(Problem):
     @cached_property
     def arms(self) -> tuple[Arm, ...]:
         """What robots do one after the other: each method, from each meta-model that is adapted."""
-        arms: list[Arm] = []
-        for kind in self._kinds:
-            meta = kind.stage is not None
-            on_the_way = sorted(set(self.meta.adapt_from) - {self.meta.t0}) if meta else []
-            arms += [Arm(arm_name(kind.name, t0), kind.name, t0) for t0 in on_the_way]
-            arms.append(Arm(kind.name, kind.name, self.meta.t0 if meta else 0))
-        return tuple(arms)
+        return arms_of(self._kinds, self.meta)
 
     @cached_property
     def arm_names(self) -> tuple[str, ...]:
         """Names of the arms, as they stand in topics."""
         return tuple(arm.name for arm in self.arms)
-
-    @cached_property
-    def clusters(self) -> dict[int, tuple[int, ...]]:
-        """Task id -> ids of its robots; robots are numbered from 1 in the order of the tasks."""
-        clusters, next_id = {}, 1
-        for task in self.tasks:
-            size = task.robots or self.federation.robots_per_cluster
-            clusters[task.id] = tuple(range(next_id, next_id + size))
-            next_id += size
-        return clusters
-
-    def cluster(self, task: int) -> tuple[int, ...]:
-        """Ids of the robots that learn `task`."""
-        return self.clusters[task]
-
-    def task_of(self, agent: int) -> int:
-        """The task that robot `agent` learns.
-
-        Raises:
-            ConfigurationError: no such robot.
-        """
-        for task, agents in self.clusters.items():
-            if agent in agents:
-                return task
-        raise ConfigurationError(f"robot {agent} is not in the scenario, expected one of {self.agents}")
-
-    def motions(self, agent: int) -> int:
-        """|E_ik|: transitions that robot `agent` makes in a round."""
-        return self._per_round[agent][0]
-
-    def batches(self, agent: int) -> int:
-        """B_ik: gradient steps of robot `agent` in a round."""
-        return self._per_round[agent][1]
-
-    @cached_property
-    def _per_round(self) -> dict[int, tuple[int, int]]:
-        """Robot -> motions and batches of its round: its own, else its task's, else those of all."""
-        own, per_round = {robot.id: robot for robot in self.robots}, {}
-        for task in self.tasks:
-            for agent in self.clusters[task.id]:
-                sections = (*((own[agent],) if agent in own else ()), task, self.learning)
-                motions = next(each.motions_per_round for each in sections if each.motions_per_round is not None)
-                batches = next(each.batches_per_round for each in sections if each.batches_per_round is not None)
-                per_round[agent] = motions, batches
-        return per_round
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        """Ids of all robots."""
-        return tuple(agent for cluster in self.clusters.values() for agent in cluster)
-
-    @property
-    def training_agents(self) -> dict[int, tuple[int, ...]]:
-        """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
-        tasks = (task for task in self.meta.training_tasks if task in self.clusters)
-        return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}

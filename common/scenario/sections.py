@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-# Every number has both bounds: far beyond what anybody runs, and within what arithmetic, memory and messages can hold.
-Id = Annotated[int, Field(ge=1, le=1_000_000)]
-Robots = Annotated[int, Field(ge=1, le=1000)]
-Rounds = Annotated[int, Field(ge=1, le=1_000_000)]
-Batches = Annotated[int, Field(ge=1, le=100_000)]  # gradient steps of a round
-BatchSize = Annotated[int, Field(ge=1, le=100_000)]
-Motions = Annotated[int, Field(ge=1, le=100_000)]
-Frames = Annotated[int, Field(ge=3, le=100_000_000)]  # fewer can all be without a successor: nothing to learn from
-NetworkPixels = Annotated[int, Field(ge=1, le=1024)]
-Channels = Annotated[int, Field(ge=1, le=4096)]
-Kernel = Annotated[int, Field(ge=1, le=1024)]
-Units = Annotated[int, Field(ge=1, le=1_000_000)]
-
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Share = Annotated[float, Field(ge=1e-9, le=1)]
-Seconds = Annotated[float, Field(ge=1e-3, le=1e6)]
-LearningRate = Annotated[float, Field(ge=1e-37, le=1e3)]  # float32 holds it
-Watts = Annotated[float, Field(ge=1e-6, le=1e9)]
-BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
-Efficiency = Annotated[float, Field(ge=1e-6, le=1e15)]  # bit/J
-Pue = Annotated[float, Field(ge=1, le=1e3)]
-BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
-CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
-
-_TOPOLOGIES = ("full", "ring", "random")
+from jouleswarm.common.scenario.bounds import (
+    TOPOLOGIES,
+    Batches,
+    BatchSize,
+    Channels,
+    Fraction,
+    Frames,
+    Id,
+    Kernel,
+    LearningRate,
+    Motions,
+    NetworkPixels,
+    Robots,
+    Rounds,
+    Seconds,
+    Share,
+    Units,
+)
 
 Value = TypeVar("Value")
 
@@ -49,12 +42,19 @@ class Section(BaseModel):
         return value
 
 
+def each_once(values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """`values`, if no two are alike."""
+    if len(set(values)) != len(values):
+        raise ValueError(f"got {list(values)}, expected each once")
+    return values
+
+
 class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes any other field as well
     """One task: what its environment is made with. An environment may have fields of its own beside these."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    id: Id
+    id: Id = Field(description="its number, in topics and tables")
     robots: Robots | None = Field(None, description="cluster size; default federation.robots_per_cluster")
     motions_per_round: Motions | None = Field(None, description="of its robots; default learning.motions_per_round")
     batches_per_round: Batches | None = Field(None, description="of its robots; default learning.batches_per_round")
@@ -77,7 +77,7 @@ class Network(Section):
     )
     kwargs: dict[str, Any] = Field({}, description="for a network of your own")
     width: NetworkPixels | None = Field(None, description="images are shrunk to this; default as they are")
-    height: NetworkPixels | None = None
+    height: NetworkPixels | None = Field(None, description="the same")
     conv: tuple[tuple[Channels, Kernel, Kernel], ...] = Field(
         ((32, 8, 4), (64, 4, 2), (64, 3, 1)), max_length=32, description="(channels, kernel, stride) of each layer"
     )
@@ -85,7 +85,6 @@ class Network(Section):
 
 
 Starts = Literal["area", "anywhere", "entry"]
-ExperienceCodec = Literal["raw", "png", "resized"]
 
 
 class Learning(Section):
@@ -93,15 +92,15 @@ class Learning(Section):
 
     discount: Fraction = Field(0.99, description="nu")
     double: bool = Field(True, description="double learning: argmax by the online network")
-    optimizer: Literal["adam", "sgd"] = "adam"
-    lr: LearningRate = 1e-3
+    optimizer: Literal["adam", "sgd"] = Field("adam", description="of the robots' gradient steps")
+    lr: LearningRate = Field(1e-3, description="its step size")
     adam_eps: float = Field(1e-4, ge=1e-37, le=1e3, description="Adam's epsilon: damps steps where gradients are small")
-    grad_clip: float = Field(1.0, ge=1e-6, le=1e9)
-    batch_size: BatchSize = 32
+    grad_clip: float = Field(1.0, ge=1e-6, le=1e9, description="gradients longer than this are shortened to it")
+    batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     batches_per_round: Batches = Field(20, description="B_i")
     motions_per_round: Motions = Field(20, description="|E_ik|, new transitions a round")
-    epsilon: Fraction = 0.1
-    replay_size: Frames = 2000
+    epsilon: Fraction = Field(0.1, description="share of random actions while robots collect")
+    replay_size: Frames = Field(2000, description="observations that a robot remembers")
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
     init: str | None = Field(
@@ -124,7 +123,7 @@ class Learning(Section):
 class Federation(Section):
     """Decentralized federated averaging inside a cluster, eq. (6)."""
 
-    robots_per_cluster: Robots = 2
+    robots_per_cluster: Robots = Field(2, description="robots that learn a task together")
     topology: str = Field("full", description="full, ring, random, or a file of the graph's edges: NAME.csv")
     degree: Robots = Field(2, description="neighbours of each robot under the random topology")
     step: float | None = Field(
@@ -157,21 +156,21 @@ class Federation(Section):
         description="a wait ends the run, by name, when who is waited for has not answered for so long or has itself "
         "waited so long for nothing; 0: never. Longer than the longest round takes on the slowest machine",
     )
-    max_rounds: Rounds = 200
-    target_reward: float = Field(50.0, ge=-1e9, le=1e9)
+    max_rounds: Rounds = Field(200, description="an arm that has not learned a task by then ends")
+    target_reward: float = Field(50.0, ge=-1e9, le=1e9, description="R at which a task is learned")
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
 
     @field_validator("topology")
     @classmethod
     def _is_a_rule_or_a_file(cls, topology: str) -> str:
-        if topology not in _TOPOLOGIES and not topology.endswith(".csv"):
-            raise ValueError(f"got {topology!r:.60}, expected {', '.join(_TOPOLOGIES)}, or a file of edges, NAME.csv")
+        if topology not in TOPOLOGIES and not topology.endswith(".csv"):
+            raise ValueError(f"got {topology!r:.60}, expected {', '.join(TOPOLOGIES)}, or a file of edges, NAME.csv")
         return topology
 
     @property
     def has_own_edges(self) -> bool:
         """Whether the graph is the user's own."""
-        return self.topology not in _TOPOLOGIES
+        return self.topology not in TOPOLOGIES
 
 
 class Meta(Section):
@@ -193,44 +192,23 @@ class Meta(Section):
         1, description="SGD steps, one support batch each, before a meta-update: B^(a) / this meta-updates a round"
     )
     support_newest: Frames = Field(5000, description="support batches are drawn from so many newest motions")
-    batch_size: BatchSize = 32
+    batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     inner_lr: LearningRate = Field(0.03, description="mu; gradients are clipped to learning.grad_clip before")
     meta_lr: LearningRate = Field(1e-3, description="eta, of Adam")
     target_polyak: Share = Field(0.1, description="per-task target network tracking, each meta-update")
     epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
     starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
-    replay_size: Frames = 5000
-    experience_codec: ExperienceCodec = Field(
+    replay_size: Frames = Field(5000, description="observations that the data center remembers of each training robot")
+    experience_codec: str = Field(
         "raw",
-        description="frames on the uplink, of centralized learning too: raw, png (lossless, payloads vary in size) or "
-        "resized (to the network's input, as the data center would do); what is learned is the same to the bit",
+        min_length=1,
+        max_length=200,
+        description="of observations on the uplink, of centralized learning too: raw, png (lossless, payloads vary in "
+        "size) or resized (to the network's input, as the data center would do), with which the same is learned to the "
+        "bit; or module:Class (see docs/doors.md)",
     )
 
-    @field_validator("training_tasks", "snapshots", "adapt_from")
-    @classmethod
-    def _each_once(cls, values: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError(f"got {list(values)}, expected each once")
-        return values
-
-
-class Energy(Section):
-    """Constants of the energy model (Table I). kb = 1000 bit."""
-
-    p0_w: Watts = Field(590.0, description="P_0, data center power")
-    t0_batch_s: BatchSeconds = Field(0.020, description="T_0, data center time of one batch gradient")
-    pk_w: Watts = Field(5.1, description="P_k, robot power")
-    tk_batch_s: BatchSeconds = Field(0.400, description="T_k, robot time of one batch gradient")
-    pue: Pue = Field(1.67, description="gamma")
-    beta: BetaFactor | Literal["measured"] = Field(
-        1.0, description="cost of an exact meta-gradient over a first-order one, or: measured by the data center"
-    )
-    ul_bit_per_j: Efficiency = 200e3
-    sl_bit_per_j: Efficiency = 500e3
-    dl_bit_per_j: Efficiency | None = Field(None, description="default: as uplink (the paper gives none)")
-    sidelink: Literal["direct", "via_base_station"] = "direct"
-    datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
-    robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
+    _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
 
 
 class Bus(Section):

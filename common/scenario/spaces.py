@@ -5,7 +5,7 @@ the environment, the network or PyTorch.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -106,13 +106,6 @@ class Interface(BaseModel):
     def head_entries(self) -> list[int]:
         """Numbers in each tensor of the head, which every training task may have a copy of."""
         return self.entries[len(self.tensors) - self.head :]
-
-
-def experience_bytes(codec: Literal["raw", "png", "resized"], observation: Observation, network: Network) -> int | None:
-    """Bytes of one step's observation on the uplink, header apart; None where they depend on the picture (png)."""
-    if codec == "png":
-        return None
-    return observation.nbytes if codec == "raw" else observation.kept(network).nbytes
 
 
 def shipped_build(observation: Observation) -> str:

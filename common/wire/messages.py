@@ -13,16 +13,12 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.tensorfile import (
     MAX_HEADER_BYTES,
     Header,
-    code_of,
-    decode_tensors,
-    encode_tensors,
     first_reason,
 )
-from jouleswarm.common.wire.types import Array, Payload
+from jouleswarm.common.wire.types import Payload
 
 MOTION_METADATA_BYTES = 320
 MAX_REWARD = 1e9
@@ -33,6 +29,8 @@ MAX_COUNT = 2**53
 """Whole numbers up to here are exact in every reader of JSON, and far from what numpy's 64 bits hold."""
 MAX_TOLD = 300
 """Characters that a process may use to say what it waits for."""
+RAW = "raw"
+"""The codec of a motion whose header names none."""
 CODEC_NAME = r"^[A-Za-z0-9_.-]{1,32}$"
 """What a codec may call itself: it stands in every header, whose size is fixed."""
 
@@ -81,7 +79,7 @@ class MotionHeader(Header):
     reward: Reward
     first: Annotated[bool, BeforeValidator(from_json)] = Field(description="the frame opens an episode")
     terminated: Annotated[bool, BeforeValidator(from_json)]
-    codec: Literal["png", "resized"] | None = Field(None, description="of the observation; none: raw")
+    codec: str | None = Field(None, pattern=CODEC_NAME, description="of the observation; none: raw")
     padding: str = ""
 
 
@@ -137,37 +135,6 @@ class Episode(Header):
     agent: int = Field(ge=1, le=MAX_COUNT)
     round: int = Field(ge=1, le=MAX_COUNT)
     reward: Reward
-
-
-def encode_motion(observation: Array, header: MotionHeader) -> bytes:
-    """One motion with its observation, as it was seen or as it is kept."""
-    return encode_tensors({"frame": observation}, header, MOTION_METADATA_BYTES)
-
-
-def decode_motion(
-    payload: Payload, expected: Observation, codec: Literal["resized"] | None = None
-) -> tuple[Array, MotionHeader]:
-    """Read one motion.
-
-    Raises:
-        PayloadError: not a motion of this codec and such an observation, or with numbers that cannot be.
-    """
-    layout = {"frame": (code_of(expected.dtype), expected.shape)}
-    tensors, header = decode_tensors(payload, [layout], MotionHeader, "motion")
-    check_codec(header, codec)
-    if reason := expected.misfit(tensors["frame"]):
-        raise PayloadError(f"motion of robot {header.agent}: an observation {reason}, expected {expected}")
-    return tensors["frame"], header
-
-
-def check_codec(header: MotionHeader, codec: Literal["png", "resized"] | None) -> None:
-    """Hold a motion's codec against the scenario's.
-
-    Raises:
-        PayloadError: it is another.
-    """
-    if header.codec != codec:
-        raise PayloadError(f"motion of robot {header.agent}: {header.codec or 'raw'}, expected {codec or 'raw'}")
 
 
 def encode_json(message: BaseModel) -> bytes:

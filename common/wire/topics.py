@@ -10,6 +10,7 @@ import re
 from enum import StrEnum
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire.types import RowPhase
 
 ROOT = "jouleswarm"
 
@@ -207,6 +208,12 @@ def task_of(topic: str) -> str:
     return topic.split("/", 5)[4]
 
 
+def agent_of(topic: str) -> str:
+    """The level of an experience or weights topic that holds its robot's id; "" where there is none."""
+    levels = topic.split("/", 6)
+    return levels[5] if len(levels) > 6 else ""
+
+
 def phase_of(topic: str) -> str:
     """Learning phase that a metered topic's bytes belong to: maml (a stage before), fl (all other learning) or control.
 
@@ -215,4 +222,4 @@ def phase_of(topic: str) -> str:
     link = link_of(topic)
     if link in (None, Link.CONTROL):
         return "control"
-    return "maml" if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else "fl"
+    return RowPhase.ML if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else RowPhase.FL

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,3 +19,12 @@ Shapes = Mapping[str, tuple[int, ...]]
 """Tensor name -> shape of a model."""
 Layout = Mapping[str, tuple[str, tuple[int, ...]]]
 """Tensor name -> safetensors dtype and shape on the wire, in the order of the file."""
+
+
+class RowPhase:
+    """How rows, counters and topics spell the phases: files that users read keep their words."""
+
+    ML: Final = "maml"
+    """The stage that the data center trains before, by whatever method."""
+    FL: Final = "fl"
+    """All other learning."""

@@ -19,7 +19,7 @@ from jouleswarm.chaos.ramdisk import RamDisk
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import LOCK, await_free
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link, link_of
 from jouleswarm.fleet.launcher import Launcher

@@ -19,10 +19,11 @@ from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import ROOT
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.recorder import Recorder
 
-PHASE_OF = {"maml": "meta-learning", "fl": "federated"}
+PHASE_OF = {RowPhase.ML: "meta-learning", RowPhase.FL: "federated"}
 
 # At most, from the beginning of a phase or the last recovery to the next fault. Of what a phase has left of its rows
 # half pass at most, so that a fast machine is not through with it before the fault.

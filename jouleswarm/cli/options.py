@@ -14,6 +14,15 @@ Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
 RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
 
+EnergyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="energy.KEY=VALUE",
+        help="Any constant, intensity or price list of the scenario's section energy. May be repeated.",
+    ),
+]
+
 
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:
     """`--set` and `--seed` as overrides of a scenario."""

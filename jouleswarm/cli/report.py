@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from jouleswarm.cli.options import EnergyOption
+
 
 def report(
     run_directory: Annotated[Path, typer.Argument(help="A run directory.")],
@@ -25,10 +27,14 @@ def report(
         float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")
     ] = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
+    set_: EnergyOption = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
 ) -> None:
-    """Price a finished run again, at other efficiencies or in gCO2e. Nothing is trained again; its files stay."""
-    from jouleswarm.energy.prices import Prices, parse_beta
+    """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
+
+    --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
+    """
+    from jouleswarm.energy.repricing import Prices, parse_beta
     from jouleswarm.report.report import report as print_bill
 
     prices = Prices(
@@ -41,7 +47,7 @@ def report(
         carbon_robots=carbon_robots,
         via_base_station=via_base_station,
     )
-    print_bill(run_directory, prices, html=figures, figures=figures)
+    print_bill(run_directory, prices, changes=set_ or (), html=figures, figures=figures)
 
 
 def audit() -> None:

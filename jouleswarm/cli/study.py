@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from jouleswarm.cli.options import EnergyOption
 from jouleswarm.common.options import SetOption
 from jouleswarm.studies.names import STUDIES, StudyName
 
@@ -56,10 +57,7 @@ Keep = Annotated[bool, typer.Option("--keep", help="Keep weights and logs of eve
 @study.command()
 def tables(
     results_directory: Annotated[Path, typer.Argument(help="A results folder of a study.")],
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="energy.KEY=VALUE", help="Other prices or carbon intensities. May be repeated."),
-    ] = None,
+    set_: EnergyOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for what is made; default the same. Needed where --set is.")
     ] = None,

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from jouleswarm.common.doors import open_door
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.common.wire.tensorfile import layout_of
 from jouleswarm.common.wire.types import Layout, Shapes, Tensors, Weights
 
@@ -27,7 +25,11 @@ class Codec(Protocol):
       vouches that `decode` makes finite weights of all others; without it floats are held against `MAX_WEIGHT`, and so
       is what is decoded.
     - `share`: of the entries that a message tells, up to 1; the default consensus step is as much smaller.
-    - `from_settings(federation)`, a class method: makes it, from the scenario's section; else the class is called.
+    - `from_scenario(scenario)`, a class method: makes it; else the class is called.
+
+    One for experience is given an observation in place of weights: an array of any dtype by the name of `frame`, and
+    never a base. A size of -1 in its layout varies. What it decodes has the shape that the environment shows or that
+    the network takes.
     """
 
     @property
@@ -57,19 +59,21 @@ def codec_of(scenario: Scenario) -> Codec:
     Raises:
         ConfigurationError: it has none, see `open_codec`.
     """
-    return open_codec(scenario.federation.codec, scenario.federation, scenario)
+    return open_codec(scenario.federation.codec, scenario)
 
 
-def open_codec(name: str, settings: Federation, scenario: Scenario | None = None) -> Codec:
-    """The codec of this name, made with these settings; `scenario` tells where the user's files are.
+def open_codec(name: str, scenario: Scenario) -> Codec:
+    """The codec of this name, made for a scenario.
 
     Raises:
-        ConfigurationError: nothing goes by that name, or what does is no codec.
+        ConfigurationError: nothing goes by that name, or what does is no codec, or not for this scenario.
     """
-    found = scenario.open("codecs", name) if scenario else open_door("codecs", name, None)
-    make = getattr(found, "from_settings", None)
+    found = scenario.open("codecs", name)
+    make = getattr(found, "from_scenario", None)
     try:
-        made: Any = make(settings) if make else found()
+        made: Any = make(scenario) if make else found()
+    except ConfigurationError as error:
+        raise ConfigurationError(f"codec {name!r}: {error}") from error
     except Exception as error:  # whatever a class of the user's does
         raise ConfigurationError(f"codec {name!r}: cannot be made: {type(error).__name__}: {error}") from error
     if lacking := [member for member in MEMBERS if not hasattr(made, member)]:
@@ -80,9 +84,10 @@ def open_codec(name: str, settings: Federation, scenario: Scenario | None = None
 
 def share_of(codec: Codec) -> float:
     """Share of the entries that a message tells."""
-    return float(getattr(codec, "share", 1.0))
+    share: float = getattr(codec, "share", 1.0)
+    return share
 
 
 def is_whole(codec: Codec, tensors: Tensors, shapes: Shapes) -> bool:
     """Whether a message can be read without a base."""
-    return layout_of(tensors) == codec.layout(shapes, whole=True)
+    return layout_of(tensors) == codec.layout(shapes, True)

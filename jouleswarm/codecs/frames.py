@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -21,5 +20,7 @@ def shrink(observation: npt.NDArray[Any], kept: Observation) -> npt.NDArray[Any]
 
 def resize(frame: npt.NDArray[np.uint8], width: int, height: int) -> npt.NDArray[np.uint8]:
     """A frame, uint8 [H, W, channels], scaled to uint8 [height, width, channels] by area averaging."""
+    import cv2  # nobody else who reads a scenario needs OpenCV
+
     scaled = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(scaled, dtype=np.uint8).reshape(height, width, frame.shape[2])

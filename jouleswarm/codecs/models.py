@@ -20,21 +20,21 @@ MAX_DECODED = 2 * MAX_WEIGHT
 """The largest |w| that may come out of a codec: what is lost in encoding may carry past what is sent."""
 
 
-def encoded(codec: Codec, weights: Weights, base: Weights | None) -> Tensors:
-    """`weights` for the wire, in the order of the codec's layout.
+def encoded(codec: Codec, weights: Tensors, base: Weights | None) -> Tensors:
+    """`weights`, or what else the codec takes, for the wire, in the order of the codec's layout.
 
     Raises:
         TrainingError: the codec cannot, or does not keep to its layout.
     """
     shapes = {name: tensor.shape for name, tensor in weights.items()}
     try:
-        layout, tensors = codec.layout(shapes, base is None), codec.encode(weights, base)
-    except Exception as error:  # a codec may be anybody's
-        raise TrainingError(f"codec {codec.name}: encode raises {_told(codec, error)}") from error
+        layout, tensors = called(codec, "layout", shapes, base is None), called(codec, "encode", weights, base)
+    except PayloadError as error:
+        raise TrainingError(str(error)) from error
     if not isinstance(tensors, dict) or not all(isinstance(each, np.ndarray | np.generic) for each in tensors.values()):
         raise TrainingError(f"codec {codec.name}: encode gives {type(tensors).__name__}, expected a dict of arrays")
-    if (found := layout_of(tensors)) != layout:
-        raise TrainingError(f"codec {codec.name}: encode does not keep to its layout: {_unlike(found, layout)}")
+    if (found := layout_of(tensors)) != layout and (wrong := _unlike(found, layout)):
+        raise TrainingError(f"codec {codec.name}: encode does not keep to its layout: {wrong}")
     return {name: np.asarray(tensors[name]) for name in layout}
 
 
@@ -49,11 +49,22 @@ def decoded(codec: Codec, tensors: Tensors, shapes: Shapes, base: Weights | None
         raise PayloadError("differences to a model that is not here, expected a whole model first")
     if whole and not _looks_alike(codec, shapes):
         base = None
+    return _checked(codec, called(codec, "decode", tensors, shapes, base), shapes)
+
+
+def called(codec: Codec, method: str, *arguments: Any) -> Any:
+    """What a method of a codec returns; the codec may be anybody's.
+
+    Raises:
+        PayloadError: whatever it raises, in one line, with the line of the codec's own file.
+    """
     try:
-        weights: Any = codec.decode(tensors, shapes, base)
-    except Exception as error:  # a codec may be anybody's
-        raise PayloadError(f"codec {codec.name}: decode raises {_told(codec, error)}") from error
-    return _checked(codec, weights, shapes)
+        return getattr(codec, method)(*arguments)
+    except PayloadError:
+        raise
+    except Exception as error:
+        told = f"{type(error).__name__}: {' '.join(str(error).split())}{_line(codec, error)}"
+        raise PayloadError(f"codec {codec.name}: {method} raises {told}") from error
 
 
 def read_model(payload: Payload, shapes: Shapes, codec: Codec) -> tuple[Tensors, ModelHeader]:
@@ -62,7 +73,7 @@ def read_model(payload: Payload, shapes: Shapes, codec: Codec) -> tuple[Tensors,
     Raises:
         PayloadError: as `common.wire.models.read_tensors`, or differences in a first round.
     """
-    whole, differences = codec.layout(shapes, whole=True), codec.layout(shapes, whole=False)
+    whole, differences = codec.layout(shapes, True), codec.layout(shapes, False)
 
     def check(tensors: Tensors, header: ModelHeader) -> None:
         if header.round <= 1 and not is_whole(codec, tensors, shapes):
@@ -79,16 +90,10 @@ def check_tensors(codec: Codec, tensors: Tensors, shapes: Shapes) -> None:
     Raises:
         PayloadError: it cannot have sent these.
     """
-    check = getattr(codec, "check", None)
-    if check is None:
+    if hasattr(codec, "check"):
+        called(codec, "check", tensors, shapes)
+    else:
         check_floats(tensors)
-        return
-    try:
-        check(tensors, shapes)
-    except PayloadError:
-        raise
-    except Exception as error:  # a codec may be anybody's
-        raise PayloadError(f"codec {codec.name}: {error or type(error).__name__}") from error
 
 
 def builds_on_base(codec: Codec) -> bool:
@@ -104,7 +109,7 @@ def builds_on_base(codec: Codec) -> bool:
 
 def _looks_alike(codec: Codec, shapes: Shapes) -> bool:
     """Whether messages with a base and without one cannot be told apart."""
-    return codec.layout(shapes, whole=True) == codec.layout(shapes, whole=False)
+    return codec.layout(shapes, True) == codec.layout(shapes, False)
 
 
 def _checked(codec: Codec, weights: Any, shapes: Shapes) -> Weights:
@@ -122,12 +127,23 @@ def _checked(codec: Codec, weights: Any, shapes: Shapes) -> Weights:
 
 
 def _unlike(found: Layout, layout: Layout) -> str:
-    name = next(name for name in [*layout, *found] if found.get(name) != layout.get(name))
-    return f"{name} is {found.get(name)}, expected {layout.get(name)}"
+    """The first tensor that is not as laid out, if there is one."""
+    for name in [*layout, *found]:
+        got, wanted = ("{} {}".format(*each[name]) if name in each else "not there" for each in (found, layout))
+        if got != wanted and not (name in found and name in layout and _varies(found[name], layout[name])):
+            return f"{name} is {got}, expected {wanted}"
+    return ""
 
 
-def _told(codec: Codec, error: Exception) -> str:
-    """An error in a codec, with the line of the codec's own file."""
+def _varies(found: tuple[str, tuple[int, ...]], layout: tuple[str, tuple[int, ...]]) -> bool:
+    """Whether a tensor fits into a layout with a size of -1, which is any."""
+    (code, shape), (wanted, sizes) = found, layout
+    return (code, len(shape)) == (wanted, len(sizes)) and all(
+        size in (each, -1) for each, size in zip(shape, sizes, strict=True)
+    )
+
+
+def _line(codec: Codec, error: Exception) -> str:
     file = getattr(sys.modules.get(type(codec).__module__), "__file__", None)
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    return f"{type(error).__name__}: {error}" + (f" ({Path(file).name}, line {lines[-1]})" if file and lines else "")
+    return f" ({Path(file).name}, line {lines[-1]})" if file and lines else ""

@@ -1,58 +1,50 @@
-"""One motion's observation on the uplink: as it was seen, or an image losslessly compressed or shrunk to the network's
-input.
+"""One motion's observation on the uplink, through the scenario's codec of experience: arrays in place of weights.
 
-The data center learns from images at the network's size, so that all three give it the same pixels.
+Each message is whole. The data center learns from images at the network's size: those that come larger are shrunk here.
 """
 
 from __future__ import annotations
 
-import struct
-from typing import Any
-
-import cv2
 import numpy as np
-import numpy.typing as npt
 
+from jouleswarm.codecs.codec import Codec, open_codec
 from jouleswarm.codecs.frames import shrink
+from jouleswarm.codecs.models import called, encoded
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.scenario.sections import ExperienceCodec
-from jouleswarm.common.scenario.spaces import PNG_CHANNELS, Observation
-from jouleswarm.common.wire.messages import (
-    MOTION_METADATA_BYTES,
-    MotionHeader,
-    check_codec,
-    decode_motion,
-    encode_motion,
-)
-from jouleswarm.common.wire.tensorfile import decode_tensors, encode_tensors, tensor_bytes
-from jouleswarm.common.wire.types import Payload
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import Observation
+from jouleswarm.common.wire.messages import MOTION_METADATA_BYTES, RAW, MotionHeader
+from jouleswarm.common.wire.tensorfile import decode_tensors, encode_tensors, layout_bytes, tensor_bytes
+from jouleswarm.common.wire.types import Array, Layout, Payload
 
-Array = npt.NDArray[Any]
-
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# The smallest on this camera's frames of what OpenCV offers, and not slow: sensor noise leaves nothing to be matched.
-_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
+FRAME = "frame"
+"""Name of the array that a codec of experience is given."""
 
 
-def encode_experience(observation: Array, header: MotionHeader, codec: ExperienceCodec, kept: Observation) -> bytes:
-    """A motion as its payload.
+def experience_codec_of(scenario: Scenario) -> Codec:
+    """The scenario's codec of experience.
 
-    Args:
-        observation: as the environment shows it.
-        kept: what a replay memory keeps of it.
+    Raises:
+        ConfigurationError: it has none, or one that is not for its environment's observations.
     """
-    if codec == "raw":
-        return encode_motion(observation, header)
-    header = header.model_copy(update={"codec": codec})
-    if codec == "resized":
-        return encode_motion(shrink(observation, kept), header)
-    # Channels stand for blue, green, red and alpha here, whatever they are: none is changed.
-    picture = np.asarray(cv2.imencode(".png", observation, _PNG)[1], np.uint8).reshape(-1)
-    return encode_tensors({"png": picture}, header, MOTION_METADATA_BYTES)
+    return open_codec(scenario.meta.experience_codec, scenario)
+
+
+def experience_bytes(codec: Codec, shown: Observation) -> int | None:
+    """Bytes of one motion's observation on the uplink, header apart; None where they vary."""
+    layout = codec.layout({FRAME: shown.shape}, True)
+    return None if _varying(layout) else layout_bytes(layout)
+
+
+def encode_experience(observation: Array, header: MotionHeader, codec: Codec) -> bytes:
+    """A motion as its payload; `observation`: as the environment shows it."""
+    if codec.name != RAW:
+        header = header.model_copy(update={"codec": codec.name})
+    return encode_tensors(encoded(codec, {FRAME: np.asarray(observation)}, None), header, MOTION_METADATA_BYTES)
 
 
 def decode_experience(
-    payload: Payload, codec: ExperienceCodec, shown: Observation, kept: Observation
+    payload: Payload, codec: Codec, shown: Observation, kept: Observation
 ) -> tuple[Array, MotionHeader]:
     """A motion and its observation as a replay memory keeps it.
 
@@ -62,55 +54,50 @@ def decode_experience(
     Raises:
         PayloadError: not a motion of this codec and such an observation.
     """
-    if codec == "resized":
-        return decode_motion(payload, kept, "resized")
-    observation, header = decode_motion(payload, shown) if codec == "raw" else _decode_png(payload, shown)
+    observation, header = decode_observation(payload, codec, shown, kept)
     return shrink(observation, kept), header
 
 
-def _decode_png(payload: Payload, shown: Observation) -> tuple[Array, MotionHeader]:
-    size, limit = tensor_bytes(payload), largest_png(shown)
-    if not 0 < size <= limit:
-        raise PayloadError(f"motion: {size} bytes of PNG, expected 1 to {limit}")
-    tensors, header = decode_tensors(payload, [{"png": ("U8", (size,))}], MotionHeader, "motion")
-    check_codec(header, "png")
-    picture = tensors["png"]
-    _check_png(picture.tobytes(), shown)
+def decode_observation(
+    payload: Payload, codec: Codec, shown: Observation, kept: Observation
+) -> tuple[Array, MotionHeader]:
+    """As `decode_experience`, with the observation as the codec gives it: as `shown` or as `kept`."""
+    shapes = {FRAME: shown.shape}
+    layout = _as_long_as(payload, codec.layout(shapes, True), 2 * shown.nbytes + 4096)
+    tensors, header = decode_tensors(payload, [layout], MotionHeader, "motion")
     try:
-        frame = cv2.imdecode(picture, cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise PayloadError(f"motion of robot {header.agent}: not a PNG: {error}") from error
-    if frame is not None and frame.ndim == 2:
-        frame = frame[..., np.newaxis]
-    shape = None if frame is None else frame.shape
-    if frame is None or shape != shown.shape or frame.dtype != np.uint8:
-        raise PayloadError(f"motion of robot {header.agent}: PNG of shape {shape}, expected {shown.shape}")
-    return np.asarray(frame, np.uint8), header
+        if (header.codec or RAW) != codec.name:
+            raise PayloadError(f"{header.codec or RAW}, expected {codec.name}")
+        if hasattr(codec, "check"):
+            called(codec, "check", tensors, shapes)
+        found = called(codec, "decode", tensors, shapes, None)
+        observation = np.asarray(found[FRAME] if isinstance(found, dict) and FRAME in found else None)
+        expected = kept if observation.shape == kept.shape else shown
+        if observation.dtype != expected.dtype:
+            raise PayloadError(f"an observation of {observation.dtype}, expected {expected}")
+        if reason := expected.misfit(observation):
+            raise PayloadError(f"an observation {reason}, expected {expected}")
+    except PayloadError as error:
+        raise PayloadError(f"motion of robot {header.agent}: {error}") from error
+    return observation, header
 
 
-def largest_png(image: Observation) -> int:
-    """No image of this shape takes more bytes as PNG: raw pixels, a byte a row, and a chunk header every 8 KiB."""
-    return image.nbytes + image.nbytes // 64 + image.shape[0] + 1024
+def _varying(layout: Layout) -> str | None:
+    """The tensor whose size is up to the observation, if there is one."""
+    return next((name for name, (_, shape) in layout.items() if -1 in shape), None)
 
 
-def _check_png(picture: bytes, image: Observation) -> None:
-    """Look at a PNG's structure before anything is allocated or inflated for it.
+def _as_long_as(payload: Payload, layout: Layout, limit: int) -> Layout:
+    """A layout with the size that varies as this payload has it.
 
     Raises:
-        PayloadError: not one of 8 bits a channel at this size, or one with more in it than pixels.
+        PayloadError: it cannot be so long, or is longer than `limit` bytes.
     """
-    height, width, channels = image.shape
-    kind, colour_type = PNG_CHANNELS[channels]
-    # bit depth, colour type, compression, filter, no interlace
-    format_ = bytes([8, colour_type, 0, 0, 0])
-    beginning = _SIGNATURE + struct.pack(">I4sII", 13, b"IHDR", width, height) + format_
-    if not picture.startswith(beginning):
-        raise PayloadError(f"motion: PNG begins {picture[:29]!r}, expected {kind}, 8 bits, {width} x {height}")
-    place, chunk = len(beginning) + 4, b"IHDR"
-    while place + 12 <= len(picture) and chunk != b"IEND":
-        length, chunk = struct.unpack_from(">I4s", picture, place)
-        if chunk not in (b"IDAT", b"IEND"):
-            raise PayloadError(f"motion: PNG with a chunk {chunk!r}, expected pixels alone")
-        place += 12 + length
-    if chunk != b"IEND" or place != len(picture):
-        raise PayloadError(f"motion: PNG of {len(picture)} bytes ends in {chunk!r} at {place}, expected IEND")
+    if (varying := _varying(layout)) is None:
+        return layout
+    code, shape = layout[varying]
+    rest, unit = {**layout, varying: (code, (0,))}, {varying: (code, tuple(map(abs, shape)))}
+    left, entry = tensor_bytes(payload) - layout_bytes(rest), layout_bytes(unit)
+    if not 0 <= left <= limit or left % entry:
+        raise PayloadError(f"motion: {left} bytes of {varying}, expected up to {limit}, a multiple of {entry}")
+    return {**layout, varying: (code, tuple(left // entry if size < 0 else size for size in shape))}

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.scenario.sections import Federation
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.models import check_floats
 from jouleswarm.common.wire.types import Array, Layout, Shapes, Tensors, Weights
 
@@ -31,8 +31,8 @@ class TopK:
         self.share = share
 
     @classmethod
-    def from_settings(cls, settings: Federation) -> Self:
-        return cls(settings.topk_share)
+    def from_scenario(cls, scenario: Scenario) -> Self:
+        return cls(scenario.federation.topk_share)
 
     def layout(self, shapes: Shapes, whole: bool) -> Layout:
         if whole:

@@ -1,44 +1,88 @@
-"""A scenario's codec, tried when the scenario is read: a few messages of one sender, with small random weights."""
+"""A scenario's codecs, tried when the scenario is read: a few messages of one sender, with small random weights."""
 
 from __future__ import annotations
 
+import contextlib
 import re
+import reprlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from jouleswarm.codecs.codec import Codec, codec_of, share_of
-from jouleswarm.codecs.models import builds_on_base, check_tensors, decoded, encoded
+from jouleswarm.codecs.models import builds_on_base, called, check_tensors, decoded, encoded
+from jouleswarm.codecs.observations import FRAME, decode_observation, encode_experience, experience_codec_of
 from jouleswarm.common.doors import words
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.messages import CODEC_NAME
+from jouleswarm.common.scenario.spaces import Observation
+from jouleswarm.common.wire.messages import CODEC_NAME, MotionHeader
 from jouleswarm.common.wire.tensorfile import layout_bytes
-from jouleswarm.common.wire.types import Shapes, Tensors, Weights
+from jouleswarm.common.wire.types import Array, Shapes, Tensors, Weights
 
 SHAPES: Shapes = {"0.weight": (3, 2, 2, 2), "0.bias": (3,), "2.weight": (4, 6), "2.bias": (1,)}
 
 
-def try_codec(scenario: Scenario) -> None:
-    """Open the scenario's codec and send models through it.
+def try_codecs(scenario: Scenario) -> None:
+    """Open the scenario's codecs and send through them.
 
     Raises:
-        ConfigurationError: it is none, raises, does not keep to its layout or does not bring models back.
+        ConfigurationError: one is none, raises, does not keep to its layout or does not bring back what was sent.
     """
+    try_weights(scenario)
+    if scenario.known_spaces is not None:  # else the environment is somebody's own, and has not been made yet
+        try_experience(scenario)
+
+
+def try_weights(scenario: Scenario) -> None:
+    """Try the codec of weights, as `try_codecs`."""
     codec, named = codec_of(scenario), scenario.federation.codec
-    try:
+    with _told_of(codec, named), np.errstate(all="ignore"):
         _introduce(codec, named)
-        with np.errstate(all="ignore"):
-            _send(codec)
-            needs_all = builds_on_base(codec)
-    except JouleSwarmError as error:
-        told = str(error).removeprefix(f"codec {codec.name}: ")
-        raise ConfigurationError(f"codec {named!r}: {told}") from error
+        for whole in (True, False):
+            _look_at(codec, SHAPES, whole, least=0)
+        _send(codec)
+        needs_all = builds_on_base(codec)
     if needs_all and scenario.federation.on_missing == "proceed":
         raise ConfigurationError(
             f'federation.on_missing = "proceed" with codec {named}: expected a codec whose messages are whole, for who '
             "comes back has missed some"
         )
+
+
+def try_experience(scenario: Scenario) -> None:
+    """Try the codec of experience, as `try_codecs`, with an observation of random values."""
+    codec, named, shown = experience_codec_of(scenario), scenario.meta.experience_codec, scenario.spaces.observation
+    header = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0.0, first=True, terminated=False)
+    observation = _drawn(shown)
+    with _told_of(codec, named), np.errstate(all="ignore"):
+        _introduce(codec, named)
+        _look_at(codec, {FRAME: shown.shape}, whole=True, least=-1)
+        payload = encode_experience(observation, header, codec)
+        got, _ = decode_observation(payload, codec, shown, shown.kept(scenario.network))
+        if payload != encode_experience(observation, header, codec):
+            raise ConfigurationError("the same observation gave two results; expected the same to the bit")
+        if codec.lossless and got.tobytes() != observation.tobytes():
+            raise ConfigurationError("it is lossless, and an observation came back with other bits")
+
+
+def _drawn(shown: Observation) -> Array:
+    rng, kind = np.random.default_rng(1), np.dtype(shown.dtype)
+    if kind.kind == "f":
+        return rng.normal(size=shown.shape).astype(kind)
+    highest = shown.values or (2 if kind.kind == "b" else 100)
+    return np.asarray(rng.integers(0, highest, shown.shape)).astype(kind)
+
+
+@contextlib.contextmanager
+def _told_of(codec: Codec, named: str) -> Iterator[None]:
+    """An error becomes one line with the name that the scenario has for the codec."""
+    try:
+        yield
+    except JouleSwarmError as error:
+        told = str(error).removeprefix("motion of robot 1: ").removeprefix(f"codec {codec.name}: ")
+        raise ConfigurationError(f"codec {named!r}: {told}") from error
 
 
 def _introduce(codec: Codec, named: str) -> None:
@@ -50,15 +94,22 @@ def _introduce(codec: Codec, named: str) -> None:
         raise ConfigurationError(f"its name is {name!r}, which is another codec's; expected one of its own")
     if not isinstance(codec.lossless, bool):
         raise ConfigurationError(f"lossless is {codec.lossless!r}, expected True or False")
-    if not 0 < share_of(codec) <= 1:
-        raise ConfigurationError(f"share is {share_of(codec):g}, expected more than 0, 1 at most")
-    for whole in (True, False):
-        try:
-            layout_bytes(codec.layout(SHAPES, whole))
-        except Exception as error:  # a codec may be anybody's
-            raise ConfigurationError(
-                f"layout is no dict of name: (safetensors dtype, shape): {type(error).__name__}: {error}"
-            ) from error
+    share: Any = share_of(codec)
+    if not isinstance(share, int | float) or not 0 < share <= 1:
+        raise ConfigurationError(f"share is {share!r}, expected more than 0, 1 at most")
+
+
+def _look_at(codec: Codec, shapes: Shapes, whole: bool, least: int) -> None:
+    """Hold a layout against what a layout is; `least`: what a size may be, of which -1 varies, once."""
+    layout: Any = called(codec, "layout", shapes, whole)
+    try:
+        layout_bytes(layout)
+        sizes = [size for _, shape in layout.values() for size in shape]
+        is_one = all(isinstance(size, int) and size >= least for size in sizes) and sizes.count(-1) <= 1
+    except (AttributeError, KeyError, TypeError, ValueError):
+        is_one = False
+    if not is_one:
+        raise ConfigurationError(f"layout gives {reprlib.repr(layout)}, expected name -> (safetensors dtype, shape)")
 
 
 def _send(codec: Codec) -> None:

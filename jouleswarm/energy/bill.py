@@ -1,47 +1,61 @@
-"""What is priced and what it comes to: counts of a stage, its cost by cause and site, the bill of an arm. No prices."""
+"""What facts come to: joules of an arm by phase, cause and site. No prices."""
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass, field, fields, replace
+from typing import NamedTuple
+
+Joules = float | None
+"""None: not known, or not told by the price list; that is not nothing."""
 
 
-@dataclass(frozen=True)
-class Counts:
-    """What was done: batch gradients computed and bytes moved. Counts of separate stages or tasks add up."""
+class Cause(NamedTuple):
+    """What joules were spent on, as tables name it."""
 
-    gradients_support: float = 0  # in the data center, on B^(a), and all others of first order
-    gradients_query: float = 0  # in the data center, on B^(b)
-    gradients_robots: float = 0
-    uplink_bytes: float = 0  # delivered to the data center
-    downlink_bytes: float = 0  # delivered to robots
-    sidelink_bytes: float = 0  # delivered to neighbours, summed over directed links
-    sidelink_sent_bytes: float = 0  # sent by robots, each message once however many neighbours it has
-
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+    key: str
+    """In summary.json."""
+    label: str
+    column: str
+    """In a study's CSV tables."""
+    heading: str
+    """In a study's tables for readers."""
 
 
-@dataclass(frozen=True)
-class StageCounts:
-    """The counts of an arm by stage: meta-learning, eqs. (8)-(9), and what its tasks took, eqs. (10)-(11)."""
-
-    ml: Counts = field(default_factory=Counts)
-    fl: Counts = field(default_factory=Counts)
-
-    def __add__(self, other: StageCounts) -> StageCounts:
-        return StageCounts(self.ml + other.ml, self.fl + other.fl)
+CAUSES = (
+    Cause("computing_datacenter", "computing, data center", "center_j", "data center"),
+    Cause("computing_robots", "computing, robots", "robots_j", "robots"),
+    Cause("uplink", "uplink", "uplink_j", "uplink"),
+    Cause("downlink", "downlink", "downlink_j", "downlink"),
+    Cause("sidelink", "sidelinks", "sidelink_j", "sidelink"),
+    Cause("other", "other", "other_j", "other"),
+)
+"""The last is what none of the others is; tables have it only where a price list has joules of it."""
+SITES = {"datacenter": "data center", "robots": "robots"}
+PARTS = {
+    "ml_learning": "meta-learning: computing",
+    "ml_communication": "meta-learning: traffic",
+    "ml": "E_ML, eq. (8)",
+    "fl_learning": "tasks: computing",
+    "fl_communication": "tasks: traffic",
+    "fl": "E_FL, eq. (10)",
+    "total": "E, eq. (12)",
+}
 
 
 @dataclass(frozen=True)
 class Cost:
     """Joules by cause; each cause is paid at one site. Costs add up."""
 
-    center_computing_j: float = 0.0
-    robot_computing_j: float = 0.0
-    uplink_j: float = 0.0
-    downlink_j: float = 0.0
+    computing_datacenter_j: float = 0.0
+    computing_robots_j: float = 0.0
+    uplink_j: float = 0.0  # paid by robots
+    downlink_j: float = 0.0  # paid by the data center
     sidelink_robots_j: float = 0.0  # direct sidelinks, or the way up to the base station
-    sidelink_center_j: float = 0.0  # the way down from the base station, gamma included; 0 for direct sidelinks
+    sidelink_datacenter_j: float = 0.0  # the way down from the base station, gamma included; 0 for direct sidelinks
+    other_datacenter_j: float = 0.0
+    other_robots_j: float = 0.0
+    untold_j: float = 0.0  # the list says neither what for nor who pays
 
     def __add__(self, other: Cost) -> Cost:
         return Cost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
@@ -49,12 +63,17 @@ class Cost:
     @property
     def sidelink_j(self) -> float:
         """Sidelinks, whoever pays."""
-        return self.sidelink_robots_j + self.sidelink_center_j
+        return self.sidelink_robots_j + self.sidelink_datacenter_j
+
+    @property
+    def other_j(self) -> float:
+        """What no cause has a name for, whoever pays."""
+        return self.other_datacenter_j + self.other_robots_j
 
     @property
     def learning_j(self) -> float:
         """Computing at both sites."""
-        return self.center_computing_j + self.robot_computing_j
+        return self.computing_datacenter_j + self.computing_robots_j
 
     @property
     def communication_j(self) -> float:
@@ -63,23 +82,49 @@ class Cost:
 
     @property
     def robots_j(self) -> float:
-        """Paid by the robots: their computing and what they send."""
-        return self.robot_computing_j + self.uplink_j + self.sidelink_robots_j
+        """Paid by the robots: their computing, what they send, and what else is theirs."""
+        return self.computing_robots_j + self.uplink_j + self.sidelink_robots_j + self.other_robots_j
 
     @property
     def datacenter_j(self) -> float:
-        """Paid by the data center and its base station: its computing and what is sent down."""
-        return self.center_computing_j + self.downlink_j + self.sidelink_center_j
+        """Paid by the data center and its base station: its computing, what is sent down, and what else is theirs."""
+        return self.computing_datacenter_j + self.downlink_j + self.sidelink_datacenter_j + self.other_datacenter_j
 
     @property
     def total_j(self) -> float:
         """Everything."""
-        return self.learning_j + self.communication_j
+        return self.learning_j + self.communication_j + self.other_j + self.untold_j
+
+    @property
+    def by_cause(self) -> dict[Cause, float]:
+        """Joules of each cause; with what is not told they are the total."""
+        computing = self.computing_datacenter_j, self.computing_robots_j
+        links = self.uplink_j, self.downlink_j, self.sidelink_j
+        return dict(zip(CAUSES, (*computing, *links, self.other_j), strict=True))
+
+    @property
+    def by_site(self) -> dict[str, float]:
+        """Joules of each site; with what is not told they are the total."""
+        return {"datacenter": self.datacenter_j, "robots": self.robots_j}
+
+    def plus(self, more: Mapping[str, float]) -> Cost:
+        """With so many joules more, by the names of the fields.
+
+        Raises:
+            ValueError: no such field.
+        """
+        known = [each.name for each in fields(Cost)]
+        if unknown := [name for name in more if name not in known]:
+            raise ValueError(f"{', '.join(unknown)}: no such cause, expected {', '.join(known)}")
+        return replace(self, **{name: getattr(self, name) + joules for name, joules in more.items()})
+
+
+_NOTHING: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
 class Bill:
-    """The costs of an arm by stage, eq. (12). Bills add up."""
+    """The costs of an arm by phase, eq. (12). Bills add up."""
 
     ml: Cost = field(default_factory=Cost)  # meta-learning, eq. (8)
     fl: Cost = field(default_factory=Cost)  # what the tasks took, eq. (10)
@@ -89,38 +134,8 @@ class Bill:
 
     @property
     def both(self) -> Cost:
-        """Both stages by cause."""
+        """Both phases by cause."""
         return self.ml + self.fl
-
-    @property
-    def ml_learning_j(self) -> float:
-        """Computing of the meta-learning stage."""
-        return self.ml.learning_j
-
-    @property
-    def ml_communication_j(self) -> float:
-        """Traffic of the meta-learning stage."""
-        return self.ml.communication_j
-
-    @property
-    def ml_j(self) -> float:
-        """E_ML, eq. (8)."""
-        return self.ml.total_j
-
-    @property
-    def fl_learning_j(self) -> float:
-        """Computing of the tasks' stage."""
-        return self.fl.learning_j
-
-    @property
-    def fl_communication_j(self) -> float:
-        """Traffic of the tasks' stage."""
-        return self.fl.communication_j
-
-    @property
-    def fl_j(self) -> float:
-        """Sum of E_FL over the tasks, eq. (10)."""
-        return self.fl.total_j
 
     @property
     def robots_j(self) -> float:
@@ -135,17 +150,61 @@ class Bill:
     @property
     def total_j(self) -> float:
         """E, eq. (12)."""
-        return self.ml_j + self.fl_j
-
-
-@dataclass(frozen=True)
-class PublishedBill:
-    """Joules by stage; the paper's printed totals tell neither learning from communication nor site from site."""
-
-    ml_j: float
-    fl_j: float
+        return self.ml.total_j + self.fl.total_j
 
     @property
-    def total_j(self) -> float:
-        """E, eq. (12)."""
-        return self.ml_j + self.fl_j
+    def sums_j(self) -> dict[str, float]:
+        """The total, and the same added up in the other two ways."""
+        both = self.both
+        return {
+            "phases": self.total_j,
+            "causes": sum(both.by_cause.values()) + both.untold_j,
+            "sites": sum(both.by_site.values()) + both.untold_j,
+        }
+
+    def plus(self, ml: Mapping[str, float] = _NOTHING, fl: Mapping[str, float] = _NOTHING) -> Bill:
+        """With so many joules more in each phase, by the names of the fields of `Cost`.
+
+        Raises:
+            ValueError: no such field.
+        """
+        return Bill(self.ml.plus(ml), self.fl.plus(fl))
+
+
+def parts(bill: Bill | None, metered: bool = True) -> dict[str, Joules]:
+    """A bill by phase, computing and traffic (`PARTS`).
+
+    What needs bytes is None where none were `metered`; what a list does not tell is None; nothing is of nothing.
+    """
+    if bill is None:
+        return dict.fromkeys(PARTS)
+    found: dict[str, Joules] = {}
+    for phase, cost in (("ml", bill.ml), ("fl", bill.fl)):
+        told = cost.untold_j == 0
+        found[f"{phase}_learning"] = cost.learning_j if told else None
+        found[f"{phase}_communication"] = cost.communication_j if told and metered else None
+        found[phase] = cost.total_j if metered else None
+    return found | {"total": bill.total_j if metered else None}
+
+
+COMPUTING = ("computing_datacenter_j", "computing_robots_j")
+"""What is known of a cost where no bytes were metered."""
+
+
+def causes_of(costs: Iterable[Cost | None]) -> tuple[Cause, ...]:
+    """The causes that a table of these costs has."""
+    return CAUSES if any(cost.other_j for cost in costs if cost) else CAUSES[:-1]
+
+
+def cause_parts(cost: Cost | None, metered: bool = True) -> dict[Cause, Joules]:
+    """A cost by cause; traffic is None where no bytes were metered, everything where the list does not tell."""
+    if cost is None or cost.untold_j:
+        return dict.fromkeys(CAUSES)
+    return {cause: joules if metered or cause in CAUSES[:2] else None for cause, joules in cost.by_cause.items()}
+
+
+def site_parts(cost: Cost | None, metered: bool = True) -> dict[str, Joules]:
+    """A cost by the site that pays it; neither is known without its traffic."""
+    if cost is None or cost.untold_j or not metered:
+        return dict.fromkeys(SITES)
+    return dict(cost.by_site)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Cost
 
 JOULES_PER_KWH = 3.6e6
@@ -30,7 +30,9 @@ def has_carbon(energy: Energy) -> bool:
 
 
 def carbon(cost: Cost | Bill, energy: Energy) -> Carbon:
-    """`cost` in grams: J / 3.6e6 (J/kWh) x g/kWh at each site."""
+    """`cost` in grams: J / 3.6e6 (J/kWh) x g/kWh at each site; not known where the price list tells no sites."""
+    if (cost.both if isinstance(cost, Bill) else cost).untold_j:
+        return Carbon(None, None)
     return Carbon(
         datacenter_g=_grams(cost.datacenter_j, energy.datacenter_g_per_kwh),
         robots_g=_grams(cost.robots_j, energy.robots_g_per_kwh),

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from jouleswarm.common.disk.state import write_whole
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.meter import MeterRow
 

@@ -33,7 +33,7 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.run import other_version, read_manifest
+from jouleswarm.runs.files import other_version, read_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client

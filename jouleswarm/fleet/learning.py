@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 
 
 def check_learning(scenario: Scenario, rows: Iterable[RoundRow]) -> None:
@@ -16,7 +17,7 @@ def check_learning(scenario: Scenario, rows: Iterable[RoundRow]) -> None:
         RunError: a stage of an arm has none; the message names them.
     """
     computed = {(row.phase, row.arm) for row in rows if row.gradients > 0}
-    meta = [(("maml", method), f"the meta-learning of {method}") for method in scenario.meta_methods]
+    meta = [((RowPhase.ML, method), f"the meta-learning of {method}") for method in scenario.meta_methods]
     arms = [(("fl", arm), f"arm {arm}") for arm in scenario.arm_names]
     if idle := [told for stage, told in (*meta, *arms) if stage not in computed]:
         raise RunError(

@@ -15,7 +15,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.runs.directory import MANIFEST, STATE, SUMMARY, RunDirectory
-from jouleswarm.runs.run import read_manifest
+from jouleswarm.runs.files import read_manifest
 
 _LIMITS = ("max_rounds", "target_reward")
 _HELP = "expected higher federation.max_rounds or target_reward"

@@ -12,10 +12,10 @@ import time
 
 from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.observations import experience_bytes, experience_codec_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.spaces import experience_bytes
 from jouleswarm.common.wire import topics
 from jouleswarm.runs.interface import interface_of
 from jouleswarm.runs.sizes import meta_model_shapes, model_shapes, weights_bytes
@@ -61,9 +61,9 @@ def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:
 
 def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
     """Tensors of the largest message of a run, bytes, and a topic that it goes on. Headers come on top."""
-    interface, meta, codec = interface_of(scenario), scenario.meta, codec_of(scenario)
+    interface, codec = interface_of(scenario), codec_of(scenario)
     model, meta_model = model_shapes(interface), meta_model_shapes(interface, scenario)
-    frame_bytes = experience_bytes(meta.experience_codec, interface.spaces.observation, scenario.network)
+    frame_bytes = experience_bytes(experience_codec_of(scenario), interface.spaces.observation)
     task, robots = min(scenario.clusters.items())
     sizes = [(weights_bytes(FLOAT32, model, whole=True), topics.learned(run, scenario.arms[0].name, task))]
     sent = max(weights_bytes(codec, model, whole=whole) for whole in (True, False))

@@ -12,6 +12,7 @@ from jouleswarm.common.disk.state import STATE_FILE
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import KEYS
 from jouleswarm.common.wire.names import client_of
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.runs.directory import MANIFEST, ROUNDS, STATE
 
 
@@ -24,7 +25,7 @@ def check_is_there(path: Path) -> None:
     told = list(_told(path / ROUNDS))
     # A robot that has learned has written its state before.
     needed: dict[str, str | None] = {client_of(agent): None for agent, _ in told}
-    needed |= {client_of(agent): f"{STATE_FILE}.0" for agent, phase in told if agent and phase == "fl"}
+    needed |= {client_of(agent): f"{STATE_FILE}.0" for agent, phase in told if agent and phase == RowPhase.FL}
     if told and json.loads((path / MANIFEST).read_text(encoding="utf-8")).get("broker", {}).get("embedded"):
         needed["broker"] = KEYS
     for name, file in sorted(needed.items()):

@@ -8,6 +8,7 @@ import subprocess
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Interface, shipped_tensors
+from jouleswarm.energy.prices import price_lists
 from jouleswarm.fleet.packages import command_of
 from jouleswarm.methods.trial import methods_of, needs_learning
 
@@ -21,9 +22,10 @@ def try_out(scenario: Scenario) -> None:
     loading the scenario has told all of that already, nothing is made.
 
     Raises:
-        ConfigurationError: one of them cannot be learned with; one line that says why.
+        ConfigurationError: one cannot be learned with, or a price list not be priced by: one line that says why.
         RunError: the process died.
     """
+    price_lists(scenario)  # here and not where a scenario is read: no robot knows a price
     spaces = scenario.known_spaces
     is_known = spaces is not None and shipped_tensors(scenario.network, spaces) is not None
     if is_known and scenario.learning.init is None and not any(map(needs_learning, methods_of(scenario))):

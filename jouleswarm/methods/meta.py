@@ -5,48 +5,21 @@ Each says in its own file how a meta-update's direction is found. PyTorch is loa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.bill import StageCounts
-from jouleswarm.energy.equations import RoundSizes
+from jouleswarm.energy.closed_form import RoundSizes
+from jouleswarm.energy.facts import StageCounts
 from jouleswarm.methods.consensus import Consensus
 from jouleswarm.methods.method import Stage
+from jouleswarm.methods.rehearsal import Rehearsal, Samples
 
 if TYPE_CHECKING:
-    from torch import Tensor, nn
+    from torch import nn
 
-    from jouleswarm.learning.meta import TensorBatch
-
-    Params = dict[str, Tensor]
-    Sample = tuple[TensorBatch, ...]
-    Loss = Callable[[Params, Sample], Tensor]
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What one meta-update uses of a task's round; a sample is a batch of each of its robots."""
-
-    support: Sequence[Sample]
-    query: Sequence[Sample]
-
-
-@dataclass(frozen=True)
-class Rehearsal:
-    """One task in one meta-update."""
-
-    params: Params
-    """The meta-model's for this task, detached."""
-    samples: Samples
-    loss: Loss
-    """Of a sample: sum over the task's robots k of L_k, eq. (1)."""
-    inner_lr: float
-    clip: float
-    """Gradients longer than this are shortened to it, the sum over robots as one."""
-    inner: tuple[str, ...] | None = None
-    """Parameters that adapt; None: all."""
+    from jouleswarm.methods.rehearsal import Params
 
 
 class MetaMethod(Consensus):

@@ -24,14 +24,14 @@ from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.replay import Replay
 from jouleswarm.learning.start import saved_start
 from jouleswarm.methods.beta import measure_beta
-from jouleswarm.methods.meta import MetaMethod, Rehearsal, Samples
 from jouleswarm.methods.method import Gradients, Replays
+from jouleswarm.methods.rehearsal import MetaRule, Rehearsal, Samples
 
 
 class MetaStage:
     """One meta method, round by round, on a CUDA device where there is one."""
 
-    def __init__(self, scenario: Scenario, method: MetaMethod) -> None:
+    def __init__(self, scenario: Scenario, method: MetaRule) -> None:
         self.tally: TallyOf = nobody
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = compute_device()

@@ -14,8 +14,8 @@ from jouleswarm.common.disk.state import State
 from jouleswarm.common.meter.work import TallyOf
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.types import Weights
-from jouleswarm.energy.bill import Counts, StageCounts
-from jouleswarm.energy.equations import ClusterRounds, RoundSizes, closed_form
+from jouleswarm.energy.closed_form import ClusterRounds, RoundSizes, closed_form
+from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.methods.mixing import mix, mixing_weights, weighted_average
 
 if TYPE_CHECKING:

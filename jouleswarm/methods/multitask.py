@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jouleswarm.methods.meta import MetaMethod, Rehearsal, Samples
+from jouleswarm.methods.meta import MetaMethod
+from jouleswarm.methods.rehearsal import Rehearsal, Samples
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jouleswarm.methods.meta import MetaMethod, Rehearsal
+from jouleswarm.methods.meta import MetaMethod
+from jouleswarm.methods.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -1,6 +1,6 @@
 """Every published number with its place, beside what it should be: the rows of the audit.
 
-Printed values are quoted; everything beside them is computed by `energy.equations` from Tables I and II.
+Printed values are quoted; everything beside them is computed by the two price lists from Tables I and II.
 """
 
 from __future__ import annotations
@@ -8,22 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import (
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import Bill
+from jouleswarm.energy.closed_form import ClusterRounds, closed_form
+from jouleswarm.energy.facts import Counts
+from jouleswarm.energy.literal import bill, data_center_gradient_j, price, robot_gradient_j
+from jouleswarm.energy.published import (
     PUBLISHED_FL_ROUND_J,
     PUBLISHED_ML_ROUND_J,
-    Bill,
-    ClusterRounds,
-    Counts,
-    PublishedBill,
-    bill,
-    closed_form,
-    data_center_gradient_j,
-    price,
+    TRAINING_ROBOTS,
     published_bill,
-    robot_gradient_j,
 )
-from jouleswarm.runs.paper import HEADLINE, TABLE_II, TRAINING_ROBOTS, TRAINING_TASKS
+from jouleswarm.runs.paper import HEADLINE, TABLE_II, TRAINING_TASKS
 
 EFFICIENT_SIDELINK = Energy()  # Table I, (E_UL, E_SL) = (200, 500) kb/J
 EFFICIENT_UPLINK = Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3)
@@ -97,7 +93,7 @@ def literal_bill(t0: int, energy: Energy) -> Bill:
     return bill(closed_form(t0, TRAINING_ROBOTS, clusters), energy)
 
 
-def implied_bill(t0: int) -> PublishedBill:
+def implied_bill(t0: int) -> Bill:
     """The same by the published price list, at (200, 500) kb/J."""
     return _published(t0, sum(TABLE_II[t0]))
 
@@ -145,19 +141,19 @@ def _rounds() -> list[AuditRow]:
 def _per_round() -> list[AuditRow]:
     ml = bill(closed_form(1, TRAINING_ROBOTS, []), EFFICIENT_SIDELINK)
     fl = bill(closed_form(0, 0, [ClusterRounds(1)]), EFFICIENT_SIDELINK)
-    light_j = fl.fl_learning_j + price(Counts(sidelink_bytes=2 * 5.2e6), EFFICIENT_SIDELINK).sidelink_j
+    light_j = fl.fl.learning_j + price(Counts(sidelink_bytes=2 * 5.2e6), EFFICIENT_SIDELINK).sidelink_j
     return [
         AuditRow(
-            "IV-B", "one MAML round: 74 kJ / 210", "J", "352", literal=ml.ml_j, published=PUBLISHED_ML_ROUND_J,
-            note=f"literal is {ml.ml_learning_j:.1f} J learning + {ml.ml_communication_j:.1f} J uplink",
+            "IV-B", "one MAML round: 74 kJ / 210", "J", "352", literal=ml.ml.total_j, published=PUBLISHED_ML_ROUND_J,
+            note=f"literal is {ml.ml.learning_j:.1f} J learning + {ml.ml.communication_j:.1f} J uplink",
         ),
         AuditRow(
-            "IV-B", "one FL round: 227 kJ / 921.5", "J", "246", literal=fl.fl_j, published=PUBLISHED_FL_ROUND_J,
-            note=f"literal is {fl.fl_learning_j:.1f} J learning + {fl.fl_communication_j:.1f} J sidelinks; "
+            "IV-B", "one FL round: 227 kJ / 921.5", "J", "246", literal=fl.fl.total_j, published=PUBLISHED_FL_ROUND_J,
+            note=f"literal is {fl.fl.learning_j:.1f} J learning + {fl.fl.communication_j:.1f} J sidelinks; "
             f"{light_j:.1f} J with weights of 1.3 M x 4 B = 5.2 MB",
         ),
         AuditRow(
-            "Fig. 3, caption", "a MAML round over an FL round", "x", "1", literal=ml.ml_j / fl.fl_j,
+            "Fig. 3, caption", "a MAML round over an FL round", "x", "1", literal=ml.ml.total_j / fl.fl.total_j,
             published=PUBLISHED_ML_ROUND_J / PUBLISHED_FL_ROUND_J, relation="at least",
         ),
     ]  # fmt: skip
@@ -168,18 +164,19 @@ def _totals() -> list[AuditRow]:
     first, fifth = TABLE_II[210][0], TABLE_II[210][4]
     at_132 = literal_bill(132, EFFICIENT_UPLINK)
     return [
-        _kilojoules("IV-B, Fig. 3a", "E_ML, t0 = 210", "74", at_210.ml_j, implied_bill(210).ml_j),
+        _kilojoules("IV-B, Fig. 3a", "E_ML, t0 = 210", "74", at_210.ml.total_j, implied_bill(210).ml.total_j),
         _one_task("E_FL(t_1), t0 = 210", "1.6", first),
         _one_task("E_FL(t_5), t0 = 210", "7.9", fifth),
         _kilojoules("IV-B", "E, t0 = 210", "106", at_210.total_j, implied_bill(210).total_j),
         _kilojoules("IV-B", "E, no MAML", "227", without.total_j, implied_bill(0).total_j),
         replace(
             _kilojoules("IV-C", "E, t0 = 42, (200, 500) kb/J", "56", at_42.total_j, implied_bill(42).total_j),
-            note=f"its {sum(TABLE_II[42]):.1f} FL rounds alone are {implied_bill(42).fl_j / 1e3:.1f} kJ as published",
+            note=f"its {sum(TABLE_II[42]):.1f} FL rounds alone are {implied_bill(42).fl.total_j / 1e3:.1f} kJ as "
+            "published",
         ),
         replace(
             _kilojoules("IV-C", "E, t0 = 132, (500, 200) kb/J", "52", at_132.total_j, None),
-            note=f"its {sum(TABLE_II[132]):.1f} FL rounds alone are {at_132.fl_j / 1e3:.1f} kJ",
+            note=f"its {sum(TABLE_II[132]):.1f} FL rounds alone are {at_132.fl.total_j / 1e3:.1f} kJ",
         ),
     ]
 
@@ -221,12 +218,12 @@ def _kilojoules(place: str, quantity: str, printed: str, literal_j: float, publi
 
 
 def _one_task(quantity: str, printed: str, rounds: float) -> AuditRow:
-    literal_j = bill(closed_form(0, 0, [ClusterRounds(rounds)]), EFFICIENT_SIDELINK).fl_j
-    row = _kilojoules("IV-B, Fig. 3a", quantity, printed, literal_j, _published(0, rounds).fl_j)
+    literal_j = bill(closed_form(0, 0, [ClusterRounds(rounds)]), EFFICIENT_SIDELINK).fl.total_j
+    row = _kilojoules("IV-B, Fig. 3a", quantity, printed, literal_j, _published(0, rounds).fl.total_j)
     return replace(row, slack=_TABLE_II_HALF_UNIT * PUBLISHED_FL_ROUND_J / 1e3)
 
 
-def _published(t0: float, fl_rounds: float) -> PublishedBill:
+def _published(t0: float, fl_rounds: float) -> Bill:
     priced = published_bill(t0, fl_rounds, EFFICIENT_SIDELINK)
     assert priced is not None  # defined at these efficiencies
     return priced

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -10,16 +9,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jouleswarm.common.scenario.arms import method_of
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import Cost, bill, price
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import Bill, Cost
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.arms import INK, colours
 from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, SOME, arm_patches, hatched, legend_in, new_figure
 from jouleswarm.report.tables import NOT_LEARNED
-from jouleswarm.runs.beta import with_beta
-from jouleswarm.runs.facts import meta_counts, task_counts
+from jouleswarm.runs.arm_facts import in_closed_form
+from jouleswarm.runs.columns import telling_lists
 from jouleswarm.runs.run import Run
-from jouleswarm.runs.sizes import expected_counts, scenario_sizes
+from jouleswarm.runs.sizes import scenario_sizes
 
 _BARS_WIDE = 0.84  # all bars of a group, of the distance between groups
 _WIDEST_BAR = 0.38
@@ -35,15 +35,24 @@ Bars = dict[str, list[tuple[float, float]]]  # arm -> (learning, communication) 
 
 
 def energy_figure(run: Run, energy: Energy) -> Figure:
-    """Fig. 3a: E_ML and E_FL(t_i), arm beside arm, and the totals."""
+    """Fig. 3a: E_ML and E_FL(t_i), arm beside arm, and the totals; a row of panels a price list that tells causes."""
+    few, lists = len(run.scenario.arms) <= FEW, telling_lists(run)
+    rows = max(1, len(lists))
+    figure = new_figure(2.6 * rows if few else 3.0 * rows + legend_in(len(run.scenario.arms) + 2))
+    panels = figure.subplots(rows, 2, width_ratios=[4.5, 1 if few else 1.6], squeeze=False)
+    for (left, right), (heading, prices) in zip(panels, lists.items(), strict=False):
+        _energy_panels(left, right, run, energy, prices)
+        if rows > 1:
+            left.set_title(heading)
+    causes = [Patch(facecolor="#bbbbbb", label="learning"), Patch(**hatched("#bbbbbb"), label="communication")]
+    _legend(figure, panels[0, 0], [*arm_patches(run), *causes], few)
+    return figure
+
+
+def _energy_panels(left: Axes, right: Axes, run: Run, energy: Energy, prices: PriceList) -> None:
     few = len(run.scenario.arms) <= FEW
-    figure = new_figure(2.6 if few else 3.0 + legend_in(len(run.scenario.arms) + 2))
-    left, right = figure.subplots(1, 2, width_ratios=[4.5, 1 if few else 1.6])
-    bars: Bars = {arm: _stage_bars(run, arm, energy) for arm in run.scenario.arm_names}
-    totals: Bars = {
-        arm: [(math.fsum(learning for learning, _ in held), math.fsum(carrying for _, carrying in held))]
-        for arm, held in bars.items()
-    }
+    bars: Bars = {arm: _stage_bars(run, arm, energy, prices) for arm in run.scenario.arm_names}
+    totals: Bars = {arm: [_parted(price(prices, _facts(run, arm), energy))] for arm in run.scenario.arm_names}
     unit, factor = ("kJ", 1e3) if max(sum(held[0]) for held in totals.values()) >= _KILO_FROM_J else ("J", 1.0)
     labels = [rf"$E_\mathrm{{FL}}(t_{{{task}}})$" for task in run.scenario.clusters]
     stages = [r"$E_\mathrm{ML}$", *labels] if run.scenario.meta_methods else labels
@@ -52,9 +61,6 @@ def energy_figure(run: Run, energy: Energy) -> Figure:
         axes.set_xticks(range(len(names)), names)
         axes.margins(x=0.02 if axes is left else 0.25 if few else 0.05, y=0.14)
     left.set_ylabel(f"energy ({unit})")
-    causes = [Patch(facecolor="#bbbbbb", label="learning"), Patch(**hatched("#bbbbbb"), label="communication")]
-    _legend(figure, left, [*arm_patches(run), *causes], few)
-    return figure
 
 
 def rounds_figure(run: Run, energy: Energy) -> Figure:
@@ -83,29 +89,28 @@ def rounds_figure(run: Run, energy: Energy) -> Figure:
     return figure
 
 
-def _stage_bars(run: Run, arm: str, energy: Energy) -> list[tuple[float, float]]:
+def _stage_bars(run: Run, arm: str, energy: Energy, prices: PriceList) -> list[tuple[float, float]]:
     """(learning, communication) joules of E_ML where any arm has one, then of each task."""
-    costs = []
-    if run.scenario.meta_methods:
-        costs.append(_meta_cost(run, arm, energy))
-    costs += [_task_cost(run, arm, task, energy) for task in run.scenario.clusters]
-    return [(cost.learning_j, cost.communication_j) for cost in costs]
+    facts = _facts(run, arm)
+    stages = [facts.of_ml()] if run.scenario.meta_methods else []
+    stages += [facts.of_task(task) for task in run.scenario.clusters]
+    return [_parted(price(prices, stage, energy)) for stage in stages]
 
 
-def _meta_cost(run: Run, arm: str, energy: Energy) -> Cost:
-    energy = with_beta(energy, run.rows, arm)
-    if run.meter_rows:
-        return price(meta_counts(run.rows, run.meter_rows, arm), energy)
-    sizes, rounds = scenario_sizes(run.scenario), run.rounds(arm)
-    return bill(expected_counts(run.scenario, method_of(arm), run.t0[arm], rounds, sizes), energy).ml
+def _facts(run: Run, arm: str) -> Facts:
+    """What was counted; the closed form where nothing was."""
+    facts = run.facts[arm]
+    return (
+        facts
+        if facts.metered
+        else in_closed_form(facts, run.scenario, run.mean_rounds(arm), scenario_sizes(run.scenario))
+    )
 
 
-def _task_cost(run: Run, arm: str, task: int, energy: Energy) -> Cost:
-    energy = with_beta(energy, run.rows, arm)
-    if run.meter_rows:
-        return price(task_counts(run.rows, run.meter_rows, arm, task=task), energy)
-    rounds = {task: run.mean_rounds(arm)[task]}
-    return bill(expected_counts(run.scenario, method_of(arm), 0, rounds, scenario_sizes(run.scenario)), energy).fl
+def _parted(bill: Bill | None) -> tuple[float, float]:
+    """Learning, and what is not: nothing is drawn of an arm for which the list is not defined."""
+    cost = bill.both if bill else Cost()
+    return cost.learning_j, cost.communication_j + cost.other_j + cost.untold_j
 
 
 def _energy_bars(axes: Axes, bars: Bars, factor: float, held: dict[str, str], *, numbered: bool) -> None:

@@ -9,8 +9,9 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.report.arms import INK, colours
 from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, arm_patches, legend_in, new_figure
 from jouleswarm.runs.run import Run
@@ -71,7 +72,7 @@ def bytes_figure(run: Run, energy: Energy) -> Figure:
 
 
 def _reward_curves(axes: Axes, run: Run, arm: str, task: int, colour: str) -> None:
-    rows = [row for row in run.rows if (row.arm, row.task, row.phase) == (arm, task, "fl") and row.agent != 0]
+    rows = [row for row in run.rows if (row.arm, row.task, row.phase) == (arm, task, RowPhase.FL) and row.agent != 0]
     few = len(run.scenario.arms) <= FEW
     for agent in sorted({row.agent for row in rows}) if few else ():
         points = sorted((row.round, row.reward) for row in rows if row.agent == agent and row.reward is not None)

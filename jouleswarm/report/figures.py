@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure

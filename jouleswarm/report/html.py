@@ -7,18 +7,18 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.figures import CAPTIONS, inline_svgs
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.tables import (
     bytes_table,
-    causes_table,
+    causes_tables,
     energy_table,
-    lost_table,
+    lost_tables,
     rewards_table,
     rounds_table,
-    sites_table,
+    sites_tables,
     totals_table,
 )
 from jouleswarm.runs.run import Run
@@ -60,15 +60,12 @@ def page(run: Run, energy: Energy) -> str:
         f"<figure>{svg}<figcaption>{html.escape(CAPTIONS[figure])}</figcaption></figure>"
         for figure, svg in inline_svgs(run, energy).items()
     )
-    lost = lost_table(run, energy)
     body = [
         _paragraphs(warnings(run), "verdict"),
         f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
         _paragraphs(verdicts(run, energy), "verdict"),
         _table(totals_table(run, energy)),
-        _table(causes_table(run, energy)),
-        _table(sites_table(run, energy)),
-        _table(lost) if lost else "",
+        *map(_table, (*causes_tables(run, energy), *sites_tables(run, energy), *lost_tables(run, energy))),
         _table(rounds_table(run)),
         _table(rewards_table(run)),
         _table(bytes_table(run, energy)),

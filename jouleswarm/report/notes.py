@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.energy.carbon import has_carbon
-from jouleswarm.energy.equations import downlink_bit_per_j
+from jouleswarm.energy.literal import downlink_bit_per_j, literal
+from jouleswarm.energy.prices import own_lists
+from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, published, published_bill
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import label, labels, method_label
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.directory import computed_on
-from jouleswarm.runs.paper import CLUSTER_ROBOTS, TRAINING_ROBOTS, published_here
+from jouleswarm.runs.paper import is_papers_deployment
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import metered_by
 
@@ -63,11 +65,9 @@ def notes(run: Run, energy: Energy) -> list[str]:
         *_notes_of_the_run(run),
         *_notes_of_the_arms(run),
         *_notes_of_the_processors(run),
-        "Column paper is as printed, all others are for this run's rounds. The last four are equations (8)-(12), with "
-        "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and with "
-        "MQTT's own bytes.",
+        *_notes_of_the_columns(run),
     ]
-    if any(method.in_paper for method in _methods(run)):
+    if published in run.price_lists and any(method.in_paper for method in _methods(run)):
         lines.append(_note_of_the_published_prices(run.scenario, energy))
     if energy.dl_bit_per_j is None:
         lines.append("E_DL is not given by the paper and taken as E_UL.")
@@ -97,8 +97,29 @@ def _methods(run: Run) -> list[Method]:
     return [run.scenario.method(name) for name in run.scenario.method_names]
 
 
+def _notes_of_the_columns(run: Run) -> list[str]:
+    lines, own = [], own_lists(run.price_lists)
+    if literal in run.price_lists:
+        which = "The last four" if not own else "Table I sizes, scenario sizes and the measured ones"
+        lines.append(
+            f"Column paper is as printed, all others are for this run's rounds. {which} are equations (8)-(12), with "
+            "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and "
+            "with MQTT's own bytes."
+        )
+    if own:
+        told = "; ".join(f"{each.label} ({name})" for each, name in zip(own, _named(run), strict=True))
+        lines.append(f"Price lists of the user's own, over the same facts: {told}.")
+    return lines
+
+
+def _named(run: Run) -> list[str]:
+    """Names in the scenario of the lists that do not ship here."""
+    own = own_lists(run.price_lists)
+    return [name for name, each in zip(run.scenario.energy.prices, run.price_lists, strict=True) if each in own]
+
+
 def _note_of_the_published_prices(scenario: Scenario, energy: Energy) -> str:
-    if published_here(BASELINE, 0, 0, scenario, energy) is not None:
+    if is_papers_deployment(scenario) and published_bill(0, 0, energy) is not None:
         return (
             "Published prices: 352.4 J a MAML round and 246.3 J an FL round of the paper's deployment, whatever PUE, "
             "beta and sizes are; the paper does not tell learning from communication."

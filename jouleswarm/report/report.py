@@ -6,6 +6,7 @@ into their names, for example `report-ul500-sl200.html`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAVY
@@ -14,20 +15,21 @@ from rich.table import Table
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.prices import Prices, reprice
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.reading import Override
+from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.html import write_html
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.tables import (
     bytes_table,
-    causes_table,
+    causes_tables,
     energy_table,
-    lost_table,
+    lost_tables,
     rewards_table,
     rounds_table,
-    sites_table,
+    sites_tables,
     totals_table,
 )
 from jouleswarm.runs.run import Run, load_run
@@ -41,6 +43,7 @@ def report(
     run_dir: str | Path,
     prices: Prices | None = None,
     *,
+    changes: Iterable[Override] = (),
     html: bool = False,
     figures: bool = False,
     console: Console | None = None,
@@ -50,13 +53,15 @@ def report(
     Args:
         run_dir: what `jouleswarm run` printed.
         prices: in place of the run's own.
+        changes: of the scenario's section energy, any constant in place of the run's own.
 
     Raises:
         ConfigurationError: no such directory, or a price that is no price.
         RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
     """
     run = load_run(run_dir)
-    energy, suffix = reprice(run.scenario.energy, prices or Prices())
+    priced, suffix = reprice(run.scenario, [*(prices or Prices()).changes, *changes], str(run_dir))
+    run, energy = run.at(priced), priced.energy
     print_report(run, energy, console)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
         written = write_figures(run, energy, suffix) if figures else []
@@ -71,21 +76,21 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
     """Print a run's tables; `energy` in place of the scenario's own constants prices it again."""
     energy = energy or run.scenario.energy
     console = console or Console()
+    detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
+    tables = [  # all of them before anything is printed: a price list of the user's may fail
+        rounds_table(run),
+        rewards_table(run),
+        totals_table(run, energy),
+        *(energy_table(run, arm, energy) for arm in detailed),
+        *causes_tables(run, energy),
+        *sites_tables(run, energy),
+        *lost_tables(run, energy),
+        bytes_table(run, energy),
+    ]
     for line in warnings(run):
         console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
-    for table in (rounds_table(run), rewards_table(run), totals_table(run, energy)):
-        console.print(_table(table))
-    detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
-    for arm in detailed:
-        console.print(_table(energy_table(run, arm, energy)))
-    lost = lost_table(run, energy)
-    for table in (
-        causes_table(run, energy),
-        sites_table(run, energy),
-        *([lost] if lost else ()),
-        bytes_table(run, energy),
-    ):
+    for table in tables:
         console.print(_table(table))
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)

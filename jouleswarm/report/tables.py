@@ -2,37 +2,21 @@
 
 from __future__ import annotations
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.bill import PARTS, SITES, Cost, cause_parts, causes_of, site_parts
 from jouleswarm.energy.carbon import carbon, has_carbon
-from jouleswarm.energy.equations import bill
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, own_lists, price
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import TextTable, bytes_text, grams_text, joules_text, number_text
-from jouleswarm.runs.beta import with_beta
-from jouleswarm.runs.columns import NOT_DEFINED, PARTS, Column, columns, control_j, measured_bill
-from jouleswarm.runs.facts import arm_counts
+from jouleswarm.runs.arm_facts import control_facts
+from jouleswarm.runs.columns import NOT_DEFINED, Column, bills, columns, telling_lists
 from jouleswarm.runs.lost_work import lost_motions
 from jouleswarm.runs.run import Run
-from jouleswarm.runs.summary import cause_parts, lost_parts, site_parts
 from jouleswarm.runs.traffic import traffic
 
-PART_NAMES = {
-    "ml_learning": "meta-learning: computing",
-    "ml_communication": "meta-learning: traffic",
-    "ml": "E_ML, eq. (8)",
-    "fl_learning": "tasks: computing",
-    "fl_communication": "tasks: traffic",
-    "fl": "E_FL, eq. (10)",
-    "total": "E, eq. (12)",
-}
-CAUSE_NAMES = {
-    "computing_datacenter": "computing, data center",
-    "computing_robots": "computing, robots",
-    "uplink": "uplink",
-    "downlink": "downlink",
-    "sidelink": "sidelinks",
-}
-SITE_NAMES = {"datacenter": "data center", "robots": "robots"}
 NOT_LEARNED = "×"
 
 
@@ -48,13 +32,16 @@ def rounds_table(run: Run) -> TextTable:
 
 
 def rewards_table(run: Run) -> TextTable:
-    """Running reward and path error of each task."""
+    """Running reward of each task, and path error where there is a path."""
+    results = {name: run.results[arm] for arm, name in labels(run.scenario).items()}
+    has_path = any(each.rmse_m is not None for found in results.values() for each in found)
     rows = []
-    for arm, name in labels(run.scenario).items():
-        cells = [f"{number_text(each.reward)}/{number_text(each.rmse_m, 2)}" for each in run.results[arm]]
+    for name, found in results.items():
+        errors = [f"/{number_text(each.rmse_m, 2)}" if has_path else "" for each in found]
+        cells = [number_text(each.reward) + error for each, error in zip(found, errors, strict=True)]
         rows.append([name, *cells])
     headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
-    return TextTable("At the end: running reward R/path error (RMSE in m)", headings, rows)
+    return TextTable("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
 
 
 def totals_table(run: Run, energy: Energy) -> TextTable:
@@ -66,81 +53,110 @@ def totals_table(run: Run, energy: Energy) -> TextTable:
     return TextTable("E, eq. (12), by each way to know it", headings, rows)
 
 
-def causes_table(run: Run, energy: Energy) -> TextTable:
-    """What the measured bill of every arm was spent on, both stages together."""
-    metered = bool(run.meter_rows)
-    rows = []
-    for arm, name in labels(run.scenario).items():
-        cost = measured_bill(run, arm, energy).both
-        parts = cause_parts(cost, metered) | {"total": cost.total_j if metered else None}
-        rows.append([name, *(joules_text(joules) for joules in parts.values())])
-    return TextTable("Measured payload: E by cause", ["arm", *CAUSE_NAMES.values(), PART_NAMES["total"]], rows)
+def causes_tables(run: Run, energy: Energy) -> list[TextTable]:
+    """What the bill of every arm was spent on, both phases together; a table a price list that tells."""
+    tables = []
+    for heading, prices in telling_lists(run).items():
+        costs, rows = _costs(run, energy, prices), []
+        causes = causes_of(costs.values())
+        for arm, name in labels(run.scenario).items():
+            cost, metered = costs[arm], run.facts[arm].metered
+            spent = cause_parts(cost, metered)
+            total = cost.total_j if cost and metered else None
+            rows.append([name, *(joules_text(spent[cause]) for cause in causes), joules_text(total)])
+        headings = ["arm", *(cause.label for cause in causes), PARTS["total"]]
+        tables.append(TextTable(f"{heading}: E by cause", headings, rows))
+    return tables
 
 
-def sites_table(run: Run, energy: Energy) -> TextTable:
-    """Who pays the measured bill of every arm; grams of CO2 equivalent beside, where an intensity is given."""
-    metered, shown = bool(run.meter_rows), has_carbon(energy)
-    rows = []
-    for arm, name in labels(run.scenario).items():
-        cost = measured_bill(run, arm, energy).both
-        cells = [joules_text(joules) for joules in site_parts(cost, metered).values()]
+def sites_tables(run: Run, energy: Energy) -> list[TextTable]:
+    """Who pays the bill of every arm, as `causes_tables`; grams of CO2 equivalent too, where an intensity is given."""
+    shown, tables = has_carbon(energy), []
+    for heading, prices in telling_lists(run).items():
+        rows = []
+        for arm, cost in _costs(run, energy, prices).items():
+            metered = run.facts[arm].metered
+            cells = [joules_text(joules) for joules in site_parts(cost, metered).values()]
+            if shown:
+                grams = carbon(cost, energy) if cost and metered else None
+                known = (grams.datacenter_g, grams.robots_g, grams.total_g) if grams else (None, None, None)
+                cells += [grams_text(value) for value in known]
+            rows.append([labels(run.scenario)[arm], *cells])
+        headings = ["arm", *SITES.values()]
         if shown:
-            grams = carbon(cost, energy)
-            known = (grams.datacenter_g, grams.robots_g, grams.total_g)
-            cells += [grams_text(value if metered else None) for value in known]
-        rows.append([name, *cells])
-    headings = ["arm", *SITE_NAMES.values()]
-    if shown:
-        headings += [f"gCO2e, {name}" for name in (*SITE_NAMES.values(), "both")]
-    return TextTable(f"Measured payload: E{' and gCO2e' if shown else ''} by site", headings, rows)
+            headings += [f"gCO2e, {name}" for name in (*SITES.values(), "both")]
+        tables.append(TextTable(f"{heading}: E{' and gCO2e' if shown else ''} by site", headings, rows))
+    return tables
 
 
 def energy_table(run: Run, arm: str, energy: Energy) -> TextTable:
     """An arm's energy by stage and cause, one column a way to know it."""
     held = columns(run, arm, energy)
-    rows = [[PART_NAMES[part], *(joules_text(column.joules[part]) for column in held)] for part in PARTS]
+    rows = [[name, *(joules_text(column.joules[part]) for column in held)] for part, name in PARTS.items()]
     headings = [f"{column.label} ({column.about})" if column.about else column.label for column in held]
-    strong = frozenset(PARTS.index(part) for part in ("ml", "fl", "total"))
+    strong = frozenset(list(PARTS).index(part) for part in ("ml", "fl", "total"))
     return TextTable(f"Energy: {labels(run.scenario)[arm]}", ["", *headings], rows, strong)
 
 
 def bytes_table(run: Run, energy: Energy) -> TextTable:
-    """What was delivered over each link class that was used, and what carrying it cost in protocol bytes."""
-    rows = []
+    """What was delivered over each link class that was used, and what carrying it cost in protocol bytes.
+
+    Control and telemetry are in no bill: what each price list would take for them stands beside.
+    """
+    rows, lists = [], [*([literal] if literal in run.price_lists else []), *own_lists(run.price_lists)]
     for arm, name in labels(run.scenario).items():
         for link in Link:
             found = traffic(run.meter_rows, arm, link)
             if not found.messages:
                 continue
             overhead = "-" if found.overhead is None else f"{100 * found.overhead:.3f}%"
-            price = joules_text(control_j(run, arm, energy)) if link == Link.CONTROL else ""
+            would = [""] * len(lists)
+            if link == Link.CONTROL:
+                control = control_facts(run.facts[arm], run.meter_rows)
+                priced = (price(each, control, energy) for each in lists)
+                would = [joules_text(bill.total_j if bill else None) for bill in priced]
             sizes = (bytes_text(found.payload), bytes_text(found.packet))
-            rows.append([f"{name}: {link.value}", f"{found.messages:,}", *sizes, overhead, price])
-    headings = ["link", "messages", "payload", "whole packets", "overhead", "would cost"]
+            rows.append([f"{name}: {link.value}", f"{found.messages:,}", *sizes, overhead, *would])
+    costs = ["would cost" if each is literal else f"would cost, {each.label}" for each in lists]
+    headings = ["link", "messages", "payload", "whole packets", "overhead", *costs]
     return TextTable("Bytes delivered by link class", headings, rows)
 
 
-def lost_table(run: Run, energy: Energy) -> TextTable | None:
-    """What faults have cost each arm in computing; None where nothing was done in vain."""
-    rows, metered = [], bool(run.meter_rows)
-    for arm, name in labels(run.scenario).items():
-        priced = with_beta(energy, run.rows, arm)
-        counts, kept = (arm_counts(run.rows, run.meter_rows, arm, lost=each) for each in (run.lost, ()))
-        lost = lost_parts(counts, kept, lost_motions(run.lost, arm), priced, metered)
-        center = lost["gradients_support"] + lost["gradients_query"]
-        done = [f"{number:g}" for number in (lost["gradients_robots"], center, lost["motions"])]
-        joules = (
-            lost["computing_robots_j"],
-            lost["computing_datacenter_j"],
-            bill(counts, priced).total_j if metered else None,
-            lost["literal_without_j"]["total"],
-        )
-        rows.append([name, *done, *(joules_text(each) for each in joules)])
+def lost_tables(run: Run, energy: Energy) -> list[TextTable]:
+    """What faults have cost each arm in computing, by each list as `causes_tables`; none if nothing was in vain."""
     if not run.lost:
-        return None
+        return []
     headings = ["arm", "by robots", "by center", "motions", "J, robots", "J, center", "E with", "E without"]
-    title = "Done and not kept, because something had failed: gradients, motions, joules (measured payload)"
-    return TextTable(title, headings, rows)
+    title = "Done and not kept, because something had failed: gradients, motions, joules"
+    tables = []
+    for heading, prices in telling_lists(run).items():
+        rows = []
+        for arm, name in labels(run.scenario).items():
+            facts = (run.facts[arm], run.kept_facts[arm])
+            done, kept = (each.counts.ml + each.counts.fl for each in facts)
+            center, before = (each.gradients_support + each.gradients_query for each in (done, kept))
+            counted = (done.gradients_robots - kept.gradients_robots, center - before, lost_motions(run.lost, arm))
+            rows.append([name, *(f"{number:g}" for number in counted), *_lost_joules(*facts, energy, prices)])
+        tables.append(TextTable(f"{title} ({heading[0].lower()}{heading[1:]})", headings, rows))
+    return tables
+
+
+def _lost_joules(done: Facts, kept: Facts, energy: Energy, prices: PriceList) -> list[str]:
+    """Computing in vain by site, and E with it and without."""
+    with_it, without = price(prices, done, energy), price(prices, kept, energy)
+    if with_it is None or without is None:
+        return [joules_text(None)] * 4
+    spent, were = with_it.both, without.both
+    computing = (
+        spent.computing_robots_j - were.computing_robots_j,
+        spent.computing_datacenter_j - were.computing_datacenter_j,
+    )
+    totals = [bill.total_j if done.metered else None for bill in (with_it, without)]
+    return [joules_text(joules) for joules in (*computing, *totals)]
+
+
+def _costs(run: Run, energy: Energy, prices: PriceList) -> dict[str, Cost | None]:
+    return {arm: bill.both if bill else None for arm, bill in bills(run, energy, prices).items()}
 
 
 def _total_text(column: Column) -> str:

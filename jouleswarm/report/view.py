@@ -12,10 +12,15 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.equations import downlink_bit_per_j, transfer_j
+from jouleswarm.common.wire.topics import Link
+from jouleswarm.common.wire.types import RowPhase
+from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, own_lists, price, price_lists
 from jouleswarm.report.arms import label, method_label
 
 _LINE_EVERY_S = 10.0
@@ -47,6 +52,8 @@ class View:
 
     def __init__(self, console: Console, scenario: Scenario, recorder: Live) -> None:
         self._console, self._scenario, self._recorder = console, scenario, recorder
+        lists = price_lists(scenario)
+        self._lists = [*([literal] if literal in lists else []), *own_lists(lists)]
         self._live = live.Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
         self._line_at = time.monotonic()
 
@@ -128,26 +135,35 @@ class View:
         table.add_row(label(self._scenario, arm), "all", f"sum {rounds}", "", text)
 
     def _links(self) -> Table:
-        energy = self._scenario.energy
-        bit_per_j = {"uplink": energy.ul_bit_per_j, "downlink": downlink_bit_per_j(energy)}
-        if energy.sidelink == "direct":  # via the base station they also depend on what is sent
-            bit_per_j["sidelink"] = energy.sl_bit_per_j
-        table = Table("received over", "MB", "J so far", box=None, pad_edge=False)
+        headings = ["J so far" if each is literal else f"J so far, {each.label}" for each in self._lists]
+        table = Table("received over", "MB", *headings, box=None, pad_edge=False)
         for link, count in self._recorder.received_bytes.items():
-            unpriced = "not priced" if link == "control" else "at the end"
-            joules = f"{transfer_j(count, bit_per_j[link]):,.0f}" if link in bit_per_j else unpriced
-            table.add_row(link, f"{count / 1e6:,.1f}", joules)
+            joules = (self._joules_text(each, Link(link), count) for each in self._lists)
+            table.add_row(link, f"{count / 1e6:,.1f}", *joules)
         return table
+
+    def _joules_text(self, prices: PriceList, link: Link, count: int) -> str:
+        energy = self._scenario.energy
+        if link == Link.CONTROL:
+            return "not priced"
+        if link == Link.SIDELINK and energy.sidelink != "direct":  # they also depend on what is sent
+            return "at the end"
+        counts = Counts(**{f"{link}_bytes": count})
+        try:
+            bill = price(prices, Facts("", "", t0=0, parts={("fl", STAGE): counts}), energy)
+        except ConfigurationError:  # told with the bill; a view never ends a run
+            bill = None
+        return "at the end" if bill is None else f"{bill.total_j:,.0f}"
 
     def _meta_round(self, method: str) -> int:
         newest = self._recorder.newest.items()
-        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, "maml"))
+        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, RowPhase.ML))
         return max(rounds, default=0)
 
     def _rows(self, arm: str, task: int) -> list[RoundRow]:
         """The newest row of each robot of a cluster that has begun to learn."""
         rows = (self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task))
-        return [row for row in rows if row is not None and row.phase == "fl"]
+        return [row for row in rows if row is not None and row.phase == RowPhase.FL]
 
     def _is_over(self, arm: str) -> bool:
         return all(

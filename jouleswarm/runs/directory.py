@@ -18,11 +18,13 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.lock import LOCK
 from jouleswarm.common.disk.rowfile import RowFile
 from jouleswarm.common.disk.seals import Seal
-from jouleswarm.common.disk.state import State, StateFile, write_whole
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError

@@ -17,7 +17,8 @@ from jouleswarm.common.scenario.arms import method_of, snapshot_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.energy.bill import Counts, StageCounts
+from jouleswarm.common.wire.types import RowPhase
+from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.runs.lost_work import lost_counts
 from jouleswarm.runs.traffic import Measure, sent_bytes, traffic
 
@@ -64,19 +65,26 @@ def meta_counts(
     meta-learning.
     """
     method = method_of(arm)
-    stage = [row for row in rows if row.arm == method and row.phase == "maml"]
-    part, whole = _uplink_share([row for row in stage if row.agent == 0], snapshot_of(arm))
-    uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK, phase="maml"), measure)
+    stage = [row for row in rows if row.arm == method and row.phase == RowPhase.ML]
+    part, whole = _uplink_share(stage, snapshot_of(arm))
+    uplink_bytes = getattr(traffic(meter_rows, method, Link.UPLINK, phase=RowPhase.ML), measure)
     behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
-    wasted = lost_counts((row for row in lost if (row.phase, row.arm) == ("maml", method)), part / whole)
+    wasted = lost_counts((row for row in lost if (row.phase, row.arm) == (RowPhase.ML, method)), part / whole)
     return (
         _gradients(behind)
         + wasted
         + Counts(
             uplink_bytes=uplink_bytes * part / whole,
-            downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK, phase="maml"), measure),
+            downlink_bytes=getattr(traffic(meter_rows, arm, Link.DOWNLINK, phase=RowPhase.ML), measure),
         )
     )
+
+
+def stage_share(rows: Iterable[RoundRow], arm: str) -> float:
+    """The arm's part of what carried and computed the phase ml that it shares with others; 1 where it shares none."""
+    stage = [row for row in rows if (row.arm, row.phase) == (method_of(arm), RowPhase.ML)]
+    part, whole = _uplink_share(stage, snapshot_of(arm))
+    return part / whole
 
 
 def task_counts(
@@ -92,10 +100,10 @@ def task_counts(
 
     In the methods in which the data center serves every round, that is its gradients, uplink and downlink as well.
     """
-    mine = [row for row in rows if row.arm == arm and row.phase == "fl" and task in (None, row.task)]
+    mine = [row for row in rows if row.arm == arm and row.phase == RowPhase.FL and task in (None, row.task)]
     links = (Link.UPLINK, Link.DOWNLINK, Link.SIDELINK)
-    moved = {link: getattr(traffic(meter_rows, arm, link, task, phase="fl"), measure) for link in links}
-    wasted = lost_counts(row for row in lost if (row.phase, row.arm) == ("fl", arm) and task in (None, row.task))
+    moved = {link: getattr(traffic(meter_rows, arm, link, task, phase=RowPhase.FL), measure) for link in links}
+    wasted = lost_counts(row for row in lost if (row.phase, row.arm) == (RowPhase.FL, arm) and task in (None, row.task))
     return (
         _gradients(mine)
         + wasted
@@ -111,7 +119,7 @@ def task_counts(
 def meta_rounds(rows: Iterable[RoundRow], arm: str) -> int:
     """t0: rounds of meta-learning done behind an arm's model; 0 for methods without."""
     method, snapshot = method_of(arm), snapshot_of(arm)
-    done = max((row.round for row in rows if (row.arm, row.agent, row.phase) == (method, 0, "maml")), default=0)
+    done = max((row.round for row in rows if (row.arm, row.agent, row.phase) == (method, 0, RowPhase.ML)), default=0)
     return done if snapshot is None else min(done, snapshot)
 
 
@@ -119,7 +127,7 @@ def task_results(
     scenario: Scenario, rows: Iterable[RoundRow], arm: str, tasks: Iterable[int] | None = None
 ) -> list[TaskResult]:
     """How each task (default: all of the scenario) went in an arm; rounds are numbered from 1."""
-    mine = [row for row in rows if row.arm == arm and row.phase == "fl" and row.agent != 0]
+    mine = [row for row in rows if row.arm == arm and row.phase == RowPhase.FL and row.agent != 0]
     alone = scenario.method(method_of(arm)).partners == "nobody"
     return [
         _result(scenario, task, [row for row in mine if row.task == task], alone=alone)
@@ -137,11 +145,12 @@ def _gradients(rows: Iterable[RoundRow]) -> Counts:
     )
 
 
-def _uplink_share(center: list[RoundRow], snapshot: int | None) -> tuple[int, int]:
+def _uplink_share(stage: list[RoundRow], snapshot: int | None) -> tuple[int, int]:
     """Which part of the stage's uplink carried the rounds up to `snapshot`: (part, whole), by bytes or by rounds.
 
     Exact by bytes where nothing was sent twice: repetitions are spread over all rounds.
     """
+    center = [row for row in stage if row.agent == 0]
     last = max((row.round for row in center), default=0)
     if snapshot is None or last <= snapshot:
         return 1, 1

@@ -9,7 +9,8 @@ from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.bill import Counts
+from jouleswarm.common.wire.types import RowPhase
+from jouleswarm.energy.facts import Counts
 
 _COUNTS = ("gradients", "gradients_query", "motions")
 
@@ -20,10 +21,11 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
     After a power failure the newest counts of work may be missing: what rows tell was done, whatever the counters say.
     """
     kept: dict[tuple[str, str, str, int], list[int]] = {}
+    robots = set(scenario.agents)
     for row in rows:
         counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0])
         query = row.gradients_query or 0
-        motions = scenario.motions(row.agent) if row.agent else 0
+        motions = scenario.motions(row.agent) if row.agent in robots else 0
         for index, count in enumerate((row.gradients - query, query, motions)):
             counts[index] += count
     found = []
@@ -50,4 +52,4 @@ def lost_counts(lost: Iterable[WorkRow], share: float = 1.0) -> Counts:
 
 def lost_motions(lost: Iterable[WorkRow], arm: str) -> int:
     """Motions that robots made for nothing in an arm, or in the meta-learning before it; the model prices none."""
-    return sum(row.motions for row in lost if row.arm == arm or (row.phase, row.arm) == ("maml", method_of(arm)))
+    return sum(row.motions for row in lost if row.arm == arm or (row.phase, row.arm) == (RowPhase.ML, method_of(arm)))

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import TABLE_I, PublishedBill, published_bill
+from jouleswarm.energy.closed_form import TABLE_I
+from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS
 from jouleswarm.methods.shipped import shipped
 from jouleswarm.runs.sizes import scenario_sizes
 
@@ -26,8 +27,6 @@ TABLE_II: dict[int, tuple[float, ...]] = {
     240: (2.7, 10.8, 9.1, 40.0, 21.8, 19.6),
 }
 TRAINING_TASKS = (1, 2, 6)  # section IV-A
-TRAINING_ROBOTS = 3  # section IV-A
-CLUSTER_ROBOTS = 2  # section IV-A
 _CONSTANTS = ("p0_w", "t0_batch_s", "pk_w", "tk_batch_s", "pue", "sidelink")
 
 
@@ -76,20 +75,3 @@ def printed_total(method: str, t0: int, ul_bit_per_j: float, sl_bit_per_j: float
     totals = (NO_MAML,) if kind.stage is None else (HEADLINE, BEST_SIDELINK, BEST_UPLINK)
     fitting = [each for each in totals if (each.ul_bit_per_j, each.sl_bit_per_j) == (ul_bit_per_j, sl_bit_per_j)]
     return next((each for each in fitting if each.t0 == t0), fitting[0] if fitting else None)
-
-
-def published_here(
-    method: str, t0: float, fl_rounds: float, scenario: Scenario, energy: Energy
-) -> PublishedBill | None:
-    """`published_of` an arm of the paper's deployment, None in any other."""
-    return published_of(method, t0, fl_rounds, energy) if is_papers_deployment(scenario) else None
-
-
-def published_of(method: str, t0: float, fl_rounds: float, energy: Energy) -> PublishedBill | None:
-    """An arm by the published price list, or None where the paper implies nothing.
-
-    Its totals a round hold for every method whose rounds move and compute what the paper's do: decentralized learning,
-    with or without a meta-model before it, whichever way that is trained.
-    """
-    kind = shipped(method)
-    return published_bill(t0, fl_rounds, energy) if kind is not None and kind.partners == "neighbours" else None

@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.prices import PriceList, price_lists
+from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
 from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
+from jouleswarm.runs.files import other_version, read_lines, read_manifest, read_summary
 from jouleswarm.runs.lost_work import lost_work
-from jouleswarm.runs.summary import SCHEMA
 
-T = TypeVar("T", bound=BaseModel)
-
-_STATUSES = ("complete", "interrupted", "failed")
+_NOT_OF_PRICES = ("results", "t0", "lost", "misfits", "facts", "kept_facts", "packet_facts")
 
 
 class Progress(BaseModel):
@@ -81,6 +80,37 @@ class Run:
         return lost_work(self.scenario, self.rows, self.work_rows)
 
     @cached_property
+    def price_lists(self) -> tuple[PriceList, ...]:
+        """What the scenario's `energy.prices` names."""
+        return price_lists(self.scenario)
+
+    @cached_property
+    def facts(self) -> dict[str, Facts]:
+        """What each arm has done, for price lists."""
+        return self._facts(self.lost)
+
+    @cached_property
+    def kept_facts(self) -> dict[str, Facts]:
+        """The same without what was done in vain."""
+        return self._facts(()) if self.lost else self.facts
+
+    @cached_property
+    def packet_facts(self) -> dict[str, Facts]:
+        """`facts` with counts of whole packets' bytes."""
+        of_run = self.scenario, self.rows, self.meter_rows, self.lost
+        return {arm: in_packets(facts, *of_run) for arm, facts in self.facts.items()}
+
+    def _facts(self, lost: Sequence[WorkRow]) -> dict[str, Facts]:
+        of_run = self.scenario, self.rows, self.meter_rows
+        return {arm: arm_facts(*of_run, arm, lost=lost) for arm in self.scenario.arm_names}
+
+    def at(self, scenario: Scenario) -> Run:
+        """The same run at other prices; facts do not depend on them."""
+        other = replace(self, scenario=scenario)
+        vars(other).update({name: held for name, held in vars(self).items() if name in _NOT_OF_PRICES})
+        return other
+
+    @cached_property
     def misfits(self) -> tuple[Balance, ...]:
         """Where the final counters of broker and clients contradict each other; those of a run cut short are not
         final."""
@@ -119,17 +149,17 @@ def load_run(path: str | Path) -> Run:
 
 
 def _load(path: Path, manifest: dict[str, Any]) -> Run:
-    summary = _summary(path / SUMMARY)
+    summary = read_summary(path / SUMMARY)
     cut: list[str] = []
     done = summary is not None
     return Run(
         path=path,
         manifest=manifest,
         scenario=_scenario(manifest, path / MANIFEST),
-        rows=_once(_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
-        meter_rows=_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
-        work_rows=_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
-        progress=_lines(path / PROGRESS, Progress, needed=False, cut=cut),
+        rows=_once(read_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
+        meter_rows=read_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
+        work_rows=read_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
+        progress=read_lines(path / PROGRESS, Progress, needed=False, cut=cut),
         summary=summary,
         cut=cut,
     )
@@ -164,48 +194,6 @@ def _kept_work(path: Path) -> list[WorkRow]:
     return [row for folder in sorted((path / STATE).glob("*")) for row in read_work(folder.name, folder)]
 
 
-def read_manifest(path: Path) -> dict[str, Any]:
-    """The manifest of a run directory, of this version's schema.
-
-    Raises:
-        RunError: there is none, or it is damaged, or of another schema.
-    """
-    file = path / MANIFEST
-    if not file.exists():
-        raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
-    manifest = _json(file)
-    if manifest.get("schema") != SCHEMA:
-        other = other_version(manifest)
-        raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))
-    for key, kind in (("run", str), ("scenario", dict)):
-        if not isinstance(manifest.get(key), kind):
-            raise RunError(f"{file}: damaged, it has no {key!r}")
-    return manifest
-
-
-def other_version(manifest: dict[str, Any]) -> str | None:
-    """Which version wrote a run directory and which one this is, if they differ."""
-    versions, ours = manifest.get("versions"), importlib.metadata.version("jouleswarm")
-    theirs = versions.get("jouleswarm") if isinstance(versions, dict) else None
-    return None if theirs in (None, ours) else f"written by version {theirs} of JouleSwarm, this is {ours}"
-
-
-def _summary(file: Path) -> dict[str, Any] | None:
-    summary = _json(file) if file.exists() else None
-    if summary is not None and summary.get("status") not in _STATUSES:
-        raise RunError(f"{file}: damaged, its status is {summary.get('status')!r}, expected {', '.join(_STATUSES)}")
-    return summary
-
-
-def _other_schema(schema: object) -> str:
-    if isinstance(schema, int) and schema < SCHEMA:
-        return (
-            f"run directory of schema {schema}, from before runs had an arm for each method; this version reads "
-            f"{SCHEMA}: report it with the version it names under versions, or run its scenario again"
-        )
-    return f"run directory of schema {schema!r}, this version reads {SCHEMA}"
-
-
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
         scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, manifest.get("interface"))
@@ -214,35 +202,3 @@ def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     if scenario.digests != manifest.get("doors", {}):
         raise RunError(f"{file.parent / DOORS}: not as it was written; run the scenario again")
     return scenario
-
-
-def _json(file: Path) -> dict[str, Any]:
-    try:
-        found = parse_json(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RunError(f"{file}: cannot be read: {error}") from error
-    if not isinstance(found, dict):
-        raise RunError(f"{file}: damaged, expected a JSON object")
-    return found
-
-
-def _lines(file: Path, model: type[T], needed: bool, cut: list[str] | None) -> list[T]:
-    """Rows of a JSON-lines file. A torn last line is left out and told in `cut`; with None it is damage too."""
-    if not file.exists():
-        if needed:
-            raise RunError(f"{file}: missing, though the run has a {SUMMARY}")
-        return []
-    try:
-        lines = file.read_bytes().splitlines(keepends=True)
-    except OSError as error:
-        raise RunError(f"{file}: cannot be read: {error.strerror}") from error
-    rows = []
-    for number, line in enumerate(lines, start=1):
-        try:
-            rows.append(model.model_validate_json(line))
-        except ValidationError as error:
-            if cut is not None and number == len(lines) and not line.endswith(b"\n"):
-                cut.append(file.name)
-                break
-            raise RunError(f"{file}, line {number}: damaged: {error.errors()[0]['msg']}") from error
-    return rows

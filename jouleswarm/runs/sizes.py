@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from jouleswarm.codecs.codec import Codec, codec_of
+from jouleswarm.codecs.observations import experience_bytes, experience_codec_of
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.spaces import Interface, experience_bytes
+from jouleswarm.common.scenario.spaces import Interface
 from jouleswarm.common.wire.tensorfile import layout_bytes
 from jouleswarm.common.wire.types import Shapes
-from jouleswarm.energy.equations import RoundSizes, StageCounts
+from jouleswarm.energy.closed_form import RoundSizes
+from jouleswarm.energy.facts import StageCounts
 from jouleswarm.learning.heads import meta_shapes
 from jouleswarm.runs.interface import interface_of
 
@@ -18,8 +20,8 @@ def scenario_sizes(scenario: Scenario) -> RoundSizes:
     """What a round of this scenario computes and moves: observations and weights as encoded."""
     interface, codec, learning = interface_of(scenario), codec_of(scenario), scenario.learning
     observation, model = interface.spaces.observation, model_shapes(interface)
-    # How far png compresses depends on the pictures: the closed form then has the raw frame.
-    sent = experience_bytes(scenario.meta.experience_codec, observation, scenario.network)
+    # How far some codecs compress depends on what is seen: the closed form then has the raw observation.
+    sent = experience_bytes(experience_codec_of(scenario), observation)
     frame_bytes = observation.nbytes if sent is None else sent
     return RoundSizes(
         support_batches=scenario.meta.support_batches,

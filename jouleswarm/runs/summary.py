@@ -6,28 +6,32 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any, Literal
 
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.energy.bill import Bill, Cost, PublishedBill, StageCounts
+from jouleswarm.energy.bill import Bill, Cost, Joules, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.carbon import carbon, has_carbon
-from jouleswarm.energy.equations import bill
-from jouleswarm.runs.beta import with_beta
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import bill, literal
+from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, price_lists, with_beta
+from jouleswarm.energy.published import published
+from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
-from jouleswarm.runs.facts import arm_counts, meta_rounds, task_results
+from jouleswarm.runs.facts import meta_rounds, task_results
 from jouleswarm.runs.lost_work import lost_motions, lost_work
-from jouleswarm.runs.paper import published_here
 from jouleswarm.runs.traffic import metered_by, traffic
 
 SCHEMA = 2
 """Version of the run directory. 1 knew two arms; 2 has an arm for each method and meta-model, and costs by cause."""
 
-Known = float | None
+_TOLD = ("ml_learning", "ml_communication", "fl_learning", "fl_communication", "total")
+"""Of a bill's parts; the phases' own sums are left to the reader."""
 
 
 def summarise(
@@ -58,52 +62,12 @@ def summarise(
     }
 
 
-def literal_parts(priced: Bill, metered: bool) -> dict[str, Known]:
-    """A literal bill under the names of `summary.json`; unmetered communication is not known, not free."""
-    return {
-        "ml_learning": priced.ml_learning_j,
-        "ml_communication": priced.ml_communication_j if metered else None,
-        "fl_learning": priced.fl_learning_j,
-        "fl_communication": priced.fl_communication_j if metered else None,
-        "total": priced.total_j if metered else None,
-    }
+def bill_parts(priced: Bill | None, metered: bool) -> dict[str, Joules] | None:
+    """A bill under the names of `summary.json`; unmetered communication is not known, not free."""
+    return None if priced is None else {name: parts(priced, metered)[name] for name in _TOLD}
 
 
-def published_parts(priced: PublishedBill | None) -> dict[str, Known] | None:
-    """A published bill under the same names: it has no parts, but nothing is made up of nothing."""
-    if priced is None:
-        return None
-    ml = 0.0 if priced.ml_j == 0 else None
-    fl = 0.0 if priced.fl_j == 0 else None
-    return {
-        "ml_learning": ml,
-        "ml_communication": ml,
-        "fl_learning": fl,
-        "fl_communication": fl,
-        "total": priced.total_j,
-    }
-
-
-def cause_parts(cost: Cost, metered: bool) -> dict[str, Known]:
-    """A cost by cause under the names of `summary.json`."""
-    return {
-        "computing_datacenter": cost.center_computing_j,
-        "computing_robots": cost.robot_computing_j,
-        "uplink": cost.uplink_j if metered else None,
-        "downlink": cost.downlink_j if metered else None,
-        "sidelink": cost.sidelink_j if metered else None,
-    }
-
-
-def site_parts(cost: Cost, metered: bool) -> dict[str, Known]:
-    """A cost by the site that pays it; neither is known without its traffic."""
-    return {
-        "datacenter": cost.datacenter_j if metered else None,
-        "robots": cost.robots_j if metered else None,
-    }
-
-
-def carbon_parts(cost: Cost, energy: Energy, metered: bool) -> dict[str, Known] | None:
+def carbon_parts(cost: Cost, energy: Energy, metered: bool) -> dict[str, Joules] | None:
     """Grams of CO2 equivalent by site; None where no intensity is given."""
     if not has_carbon(energy):
         return None
@@ -113,17 +77,23 @@ def carbon_parts(cost: Cost, energy: Energy, metered: bool) -> dict[str, Known] 
     return {"datacenter": grams.datacenter_g, "robots": grams.robots_g, "total": grams.total_g}
 
 
-def lost_parts(counts: StageCounts, kept: StageCounts, motions: int, energy: Energy, metered: bool) -> dict[str, Any]:
+def _by_cause(cost: Cost, metered: bool) -> dict[str, Joules]:
+    spent = cause_parts(cost, metered)
+    return {cause.key: spent[cause] for cause in causes_of([cost])}
+
+
+def _lost_parts(done: Facts, kept: Facts, motions: int, energy: Energy) -> dict[str, Any]:
     """What was computed and is in no row, what it cost, and the literal bill without it."""
-    with_it, without = bill(counts, energy), bill(kept, energy)
-    done, told, costs, were = counts.ml + counts.fl, kept.ml + kept.fl, with_it.both, without.both
+    with_it, without = bill(done.counts, energy), bill(kept.counts, energy)
+    costs, were = with_it.both, without.both
+    counts, told = (each.counts.ml + each.counts.fl for each in (done, kept))
     names = ("gradients_support", "gradients_query", "gradients_robots")
     return {
-        **{name: getattr(done, name) - getattr(told, name) for name in names},
+        **{name: getattr(counts, name) - getattr(told, name) for name in names},
         "motions": motions,
-        "computing_datacenter_j": costs.center_computing_j - were.center_computing_j,
-        "computing_robots_j": costs.robot_computing_j - were.robot_computing_j,
-        "literal_without_j": literal_parts(without, metered),
+        "computing_datacenter_j": costs.computing_datacenter_j - were.computing_datacenter_j,
+        "computing_robots_j": costs.computing_robots_j - were.computing_robots_j,
+        "literal_without_j": bill_parts(without, done.metered),
     }
 
 
@@ -135,26 +105,39 @@ def _arm_summary(
     arm: Arm,
     tasks: list[int],
 ) -> dict[str, Any]:
-    results = task_results(scenario, rows, arm.name, tasks)
-    t0 = meta_rounds(rows, arm.name)
-    counts, kept = (arm_counts(rows, meter_rows, arm.name, lost=each) for each in (lost, ()))
-    energy, metered = with_beta(scenario.energy, rows, arm.name), bool(meter_rows)
-    literal = bill(counts, energy)
-    rounds = sum(result.rounds for result in results)
-    published = published_here(arm.method, t0, rounds, scenario, scenario.energy)
-    motions = lost_motions(lost, arm.name)
+    done, kept = (arm_facts(scenario, rows, meter_rows, arm.name, lost=each) for each in (lost, ()))
+    energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
+    cost = bill(done.counts, energy).both
     return {
         "method": arm.method,
-        "t0": t0,
-        "tasks": [asdict(result) for result in results],
-        "counts": {"ml": asdict(counts.ml), "fl": asdict(counts.fl)},
+        "t0": done.t0,
+        "tasks": [asdict(result) for result in task_results(scenario, rows, arm.name, tasks)],
+        "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
         "energy_j": {
-            "literal": literal_parts(literal, metered),
-            "published": published_parts(published),
-            "by_cause": cause_parts(literal.both, metered),
-            "by_site": site_parts(literal.both, metered),
+            "literal": bill_parts(literal.price(done, energy), metered),
+            "published": bill_parts(published.price(done, energy), is_whole(published, done)),
+            "by_cause": _by_cause(cost, metered),
+            "by_site": site_parts(cost, metered),
+            **{each.name: _own_bill(each, done, energy) for each in own_lists(price_lists(scenario))},
         },
-        "carbon_g": carbon_parts(literal.both, scenario.energy, metered),
-        **({"lost_work": lost_parts(counts, kept, motions, energy, metered)} if counts != kept or motions else {}),
+        "carbon_g": carbon_parts(cost, scenario.energy, metered),
+        **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
+    }
+
+
+def _own_bill(prices: PriceList, facts: Facts, energy: Energy) -> dict[str, Any] | None:
+    """By a list of the user's own; one that fails at the end of a long run must not take the run with it."""
+    try:
+        priced = price(prices, facts, energy)
+    except ConfigurationError as error:
+        return {"error": str(error)}
+    if priced is None:
+        return None
+    cost, metered = priced.both, facts.metered
+    return {
+        **(bill_parts(priced, metered) or {}),
+        "by_cause": _by_cause(cost, metered),
+        "by_site": site_parts(cost, metered),
+        **({"carbon_g": grams} if (grams := carbon_parts(cost, energy, metered)) else {}),
     }

@@ -10,6 +10,7 @@ import json
 import sys
 from pathlib import Path
 
+from jouleswarm.codecs.trial import try_experience
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.process import one_line_errors
 from jouleswarm.common.scenario.reading import scenario_from
@@ -19,13 +20,15 @@ from jouleswarm.environments.environment import TaskEnvironment
 
 
 def tried(scenario: Scenario) -> Interface:
-    """Begin an episode of every task, feed the network, read the model to begin from, and try what methods add.
+    """Begin an episode of every task, send an observation up, feed the network, read the model to begin from, and try
+    what methods add.
 
     Raises:
         ConfigurationError: something is not what can be learned with; one line that says why.
     """
     for task in scenario.tasks:
         _begun(scenario, task.id)
+    try_experience(scenario)
     from jouleswarm.learning.networks import build_qnetwork, interface_of
     from jouleswarm.learning.start import saved_start
     from jouleswarm.methods.trial import try_learning

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jouleswarm.common.errors import StudyError
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import Counts, price
-from jouleswarm.runs.paper import published_of
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.studies.facts import META_STAGE, Fact
-from jouleswarm.studies.prices import PriceList
 
 
 class Costs(NamedTuple):
@@ -38,6 +38,18 @@ class MeanCounts:
     plain: Counts
     task_rounds: float
     plain_rounds: float
+    robots: int = 2
+    """Of each cluster; 0 where they differ, as `links`."""
+    links: int = 2
+
+    def facts(self) -> tuple[Facts, Facts, Facts]:
+        """The stage, one task with it and one without, as price lists are given them."""
+        clusters: dict[str, Any] = {"method": self.method, "robots": {1: self.robots}, "links": {1: self.links}}
+        return (
+            Facts("", t0=self.t0, parts={("ml", STAGE): self.meta}, **clusters),
+            Facts("", t0=0, parts={("fl", 1): self.task}, rounds={1: self.task_rounds}, **clusters),
+            Facts("", t0=0, parts={("fl", 1): self.plain}, rounds={1: self.plain_rounds}, **clusters),
+        )
 
 
 def mean_counts(with_meta: Sequence[Fact], without: Sequence[Fact]) -> MeanCounts:
@@ -64,20 +76,16 @@ def mean_counts(with_meta: Sequence[Fact], without: Sequence[Fact]) -> MeanCount
         plain=_mean([fact.counts for fact in without]),
         task_rounds=fmean(fact.rounds for fact in tasks),
         plain_rounds=fmean(fact.rounds for fact in without),
+        robots=_same(fact.robots for fact in (*tasks, *without)),
+        links=_same(fact.links for fact in (*tasks, *without)),
     )
 
 
-def costs(found: MeanCounts, energy: Energy, prices: PriceList = "literal") -> Costs | None:
+def costs(found: MeanCounts, energy: Energy, prices: PriceList = literal) -> Costs | None:
     """Price mean counts; None where the price list is not defined."""
-    if prices == "literal":
-        joules = (price(counts, energy).total_j for counts in (found.meta, found.task, found.plain))
-        return Costs(*joules)
-    published = [
-        published_of(found.method, t0, rounds, energy)
-        for t0, rounds in ((found.t0, 0.0), (0.0, found.task_rounds), (0.0, found.plain_rounds))
-    ]
-    held = [each.total_j for each in published if each is not None]
-    return Costs(*held) if len(held) == len(published) else None
+    bills = [price(prices, facts, energy) for facts in found.facts()]
+    held = [bill.total_j for bill in bills if bill is not None]
+    return Costs(*held) if len(held) == len(bills) else None
 
 
 def break_even_tasks(found: Costs) -> float:
@@ -96,15 +104,20 @@ def gain(found: Costs, tasks: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def gain_map(
-    candidates: Sequence[MeanCounts], energy: Energy, tasks: NDArray[np.float64], ul_over_sl: NDArray[np.float64]
+    candidates: Sequence[MeanCounts],
+    energy: Energy,
+    tasks: NDArray[np.float64],
+    ul_over_sl: NDArray[np.float64],
+    prices: PriceList = literal,
 ) -> NDArray[np.float64]:
-    """`gain` of the best candidate at each point, by the literal prices.
+    """`gain` of the best candidate at each point.
 
     Args:
         candidates: mean counts, one a t0.
         energy: constants; its sidelink efficiency stays, the uplink's follows.
         tasks: [columns] numbers of tasks M.
         ul_over_sl: [rows] E_UL / E_SL.
+        prices: which price list; NaN where it has no bill for any candidate.
 
     Returns:
         [rows, columns] joules without over joules with meta-learning.
@@ -112,9 +125,16 @@ def gain_map(
     rows = []
     for ratio in ul_over_sl:
         here = energy.model_copy(update={"ul_bit_per_j": float(ratio) * energy.sl_bit_per_j})
-        found = [costs(each, here) for each in candidates]
-        rows.append(np.max([gain(each, tasks) for each in found if each is not None], axis=0))
+        found = [costs(each, here, prices) for each in candidates]
+        gains = [gain(each, tasks) for each in found if each is not None]
+        rows.append(np.max(gains, axis=0) if gains else np.full(len(tasks), np.nan))
     return np.array(rows)
+
+
+def _same(values: Iterable[int]) -> int:
+    """The value that all have; 0 where they differ."""
+    found = set(values)
+    return found.pop() if len(found) == 1 else 0
 
 
 def _mean(counts: Sequence[Counts]) -> Counts:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.carbon import Carbon, carbon, has_carbon
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import cost_of
+from jouleswarm.studies.prices import priced
 
 _NAMES = ("datacenter_g", "robots_g", "total_g")
 _HEADINGS = ("data center (gCO2e)", "robots (gCO2e)", "gCO2e")
@@ -24,16 +26,20 @@ def carbon_headings(energy: Energy) -> tuple[str, ...]:
     return _HEADINGS if has_carbon(energy) else ()
 
 
-def carbon_estimates(runs: Iterable[Sequence[Fact]], energy: Energy) -> tuple[Estimate | None, ...]:
-    """Grams at the data center, at the robots, and at both; literal prices.
+def carbon_estimates(
+    runs: Iterable[Sequence[Fact]], energy: Energy, prices: PriceList = literal
+) -> tuple[Estimate | None, ...]:
+    """Grams at the data center, at the robots, and at both.
 
     Args:
         runs: each seed's facts of one arm.
         energy: constants, and the intensity at each site. None stands for a site whose intensity is not known.
+        prices: which price list; one that tells no sites has no grams.
     """
     if not has_carbon(energy):
         return ()
-    grams = [carbon(cost_of(run, energy), energy) for run in runs]
+    bills = [priced(run, energy, prices) for run in runs]
+    grams = [carbon(bill, energy) if bill else Carbon(None, None) for bill in bills]
     return tuple(_known([getattr(each, name) for each in grams]) for name in _NAMES)
 
 

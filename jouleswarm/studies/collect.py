@@ -9,9 +9,10 @@ from statistics import fmean
 
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.methods.graph import directed_links
+from jouleswarm.common.wire.types import RowPhase
+from jouleswarm.energy.facts import STAGE
 from jouleswarm.runs.directory import computed_on
-from jouleswarm.runs.facts import TaskResult, meta_counts, task_counts
+from jouleswarm.runs.facts import TaskResult
 from jouleswarm.runs.run import Run
 from jouleswarm.studies.facts import META_STAGE, Fact
 
@@ -45,7 +46,7 @@ def first_round(rewards: Sequence[Sequence[float]], target: float, window: int) 
 
 
 def _meta_fact(run: Run, arm: Arm) -> Fact:
-    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == ("maml", arm.method, 0)]
+    stage = [row for row in run.rows if (row.phase, row.arm, row.agent) == (RowPhase.ML, arm.method, 0)]
     return Fact(
         **_head(run, arm),
         task=META_STAGE,
@@ -57,31 +58,32 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
         learned=True,
         reward=None,
         rmse_m=None,
-        **asdict(meta_counts(run.rows, run.meter_rows, arm.name, lost=run.lost)),
+        **asdict(run.facts[arm.name].parts["ml", STAGE]),
         seconds=round(sum(row.seconds for row in stage if row.round <= arm.t0), 3),
     )
 
 
 def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
     rows = [
-        row for row in run.rows if (row.phase, row.arm, row.task) == ("fl", arm.name, result.task) and row.agent != 0
+        row
+        for row in run.rows
+        if (row.phase, row.arm, row.task) == (RowPhase.FL, arm.name, result.task) and row.agent != 0
     ]
     rewards = _rewards(rows)
     target = run.scenario.federation.target_reward
-    robots = len(run.scenario.cluster(result.task))
-    linked = run.scenario.method(arm.method).partners == "neighbours"
+    facts = run.facts[arm.name]
     return Fact(
         **_head(run, arm),
         task=result.task,
-        robots=robots,
-        links=directed_links(run.scenario, result.task) if linked else 0,
+        robots=facts.robots[result.task],
+        links=facts.links[result.task],
         rounds=result.rounds,
         rounds_first=first_round(rewards, target, 1) or result.rounds,
         rounds_w3=first_round(rewards, target, 3) or result.rounds,
         learned=result.learned,
         reward=result.reward,
         rmse_m=result.rmse_m,
-        **asdict(task_counts(run.rows, run.meter_rows, arm.name, task=result.task, lost=run.lost)),
+        **asdict(facts.parts["fl", result.task]),
         seconds=_slowest_s(rows),
     )
 

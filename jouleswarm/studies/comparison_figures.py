@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.axes import Axes
@@ -11,6 +12,7 @@ from matplotlib.patches import Patch
 
 from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.prices import PriceList, own_lists, price_lists
 from jouleswarm.report.arms import method_colour, method_label
 from jouleswarm.studies.comparison import Line, line_of, lines
 from jouleswarm.studies.estimates import Estimate
@@ -24,29 +26,26 @@ _CAUSES = {
     "downlink": "#009E73",
     "sidelink": "#CC79A7",
 }
-_PANELS: dict[str, Callable[[Line], Estimate]] = {
-    "rounds, all tasks": lambda line: line.rounds,
-    "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
-    "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
-}
 _ALL_WIDTH = 0.76
 
 
 def group_figure(facts: Sequence[Fact], scenario: Scenario, what: str, variants: Mapping[str, str]) -> Figure:
-    """Rounds, energy and bits against the values of what was varied, arm beside arm.
+    """Rounds, energy and bits against the values of what was varied, arm beside arm; energy by literal prices, and in
+    a panel each by the user's own lists.
 
     Args:
         facts: of all variants.
-        scenario: whose constants and methods; literal prices.
+        scenario: whose constants, price lists and methods.
         what: name of what was varied.
         variants: its value, as shown, -> the variant that has it. Values without facts are left out.
     """
     shown = measured_variants(facts, variants)
     arms = list(dict.fromkeys(fact.arm for fact in facts))
-    figure = blank(2.5)
-    for axes, (label, part) in zip(figure.subplots(1, len(_PANELS)), _PANELS.items(), strict=True):
+    figure, lists = blank(2.5), price_lists(scenario)
+    panels = _panels(own_lists(lists))
+    for axes, (label, part) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
         for place, arm in enumerate(arms):
-            held = [line_of(facts, variant, arm, scenario.energy) for variant in shown.values()]
+            held = [line_of(facts, variant, arm, scenario.energy, lists) for variant in shown.values()]
             failed = [line.not_learned for line in held]
             colour = method_colour(scenario, method_of(arm))
             bars(axes, place, len(arms), [part(line) for line in held], colour, failed)
@@ -97,10 +96,20 @@ def bars(
 
 
 def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
-    """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned."""
-    figure = blank(3.0)
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
-    held = lines(facts, scenario.energy)
+    """Joules of each method, stacked by cause, and its rounds; a cross where tasks were not learned.
+
+    Between them, a panel a price list of the user's own.
+    """
+    figure, lists = blank(3.0), price_lists(scenario)
+    own = own_lists(lists)
+    left, *between, right = figure.subplots(1, 2 + len(own), sharey=True, width_ratios=[3, *(2 for _ in own), 2])
+    held = lines(facts, scenario.energy, lists)
+    for place, (axes, prices) in enumerate(zip(between, own, strict=True)):
+        for row, found in enumerate(line.own[place] for line in held):
+            if found is not None:
+                half = (found.ci95 or 0.0) / 1e3
+                axes.barh(row, found.mean / 1e3, xerr=half, color="#bbbbbb", ecolor=INK, capsize=2)
+        axes.set_xlabel(f"$E$ (kJ), {prices.label}")
     for place, line in enumerate(held):
         start = 0.0
         for colour, found in zip(_CAUSES.values(), line.causes, strict=True):
@@ -119,6 +128,20 @@ def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
     handles = [Patch(facecolor=colour, label=name) for name, colour in _CAUSES.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(_CAUSES))
     return figure
+
+
+def _panels(own: Sequence[PriceList]) -> dict[str, Callable[[Line], Estimate]]:
+    """Axis labels -> what is drawn over them."""
+
+    def by_own(place: int) -> Callable[[Line], Estimate]:
+        return lambda line: _scaled(line.own[place] or Estimate(math.nan, None, line.total.n), 1e3)
+
+    return {
+        "rounds, all tasks": lambda line: line.rounds,
+        "energy $E$ (kJ)": lambda line: _scaled(line.total, 1e3),
+        **{f"$E$ (kJ), {each.label}": by_own(place) for place, each in enumerate(own)},
+        "moved (Gbit)": lambda line: _scaled(line.bits, 1e9),
+    }
 
 
 def _scaled(found: Estimate, factor: float) -> Estimate:

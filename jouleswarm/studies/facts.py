@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jouleswarm.common.errors import StudyError
-from jouleswarm.energy.equations import Counts
+from jouleswarm.energy.facts import Counts
 from jouleswarm.studies.files import number_text, write_atomically
 
 META_STAGE = 0

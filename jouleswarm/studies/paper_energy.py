@@ -5,24 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.prices import PriceList
+from jouleswarm.energy.published import published
 from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
 from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import (
-    PAIRS,
-    PRICE_LISTS,
-    Efficiencies,
-    PriceList,
-    failures,
-    priced,
-    runs_of,
-    task_stages,
-)
+from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, Efficiencies, failures, priced, runs_of, task_stages
 from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+
+_UNDEFINED = "The paper implies no prices for these methods at these efficiencies."
+_UNKNOWN = "This price list has no bill for these facts: it is not defined, or asks for more than a study keeps."
 
 
 class EnergyRow(NamedTuple):
@@ -42,7 +38,7 @@ def energy_rows(facts: Sequence[Fact], energy: Energy, pair: Efficiencies, price
         held = [joules for joules in found if joules is not None]
         if len(held) < len(found):
             return None
-        parts = ([j.meta.total_j for j in held], [j.tasks_j for j in held], [j.total_j for j in held])
+        parts = ([j.ml.total_j for j in held], [j.fl.total_j for j in held], [j.total_j for j in held])
         rows.append(EnergyRow(t0, *(estimate(part) for part in parts)))
     return rows
 
@@ -53,11 +49,11 @@ def optimum(rows: Sequence[EnergyRow], *, with_meta: bool = False) -> EnergyRow:
     return min(held or rows, key=lambda row: row.total.mean)
 
 
-def energy_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+def energy_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Table:
     """A row a pair of efficiencies, price list and t0; no joules where the price list is not defined."""
     rows: list[tuple[Cell, ...]] = []
     for pair in PAIRS:
-        for prices in PRICE_LISTS:
+        for prices in lists:
             held = {row.t0: row for row in energy_rows(facts, energy, pair, prices) or ()}
             for t0, arm in arms_by_t0(facts).items():
                 row = held.get(t0)
@@ -79,18 +75,18 @@ def energy_csv(facts: Sequence[Fact], energy: Energy) -> Table:
     )
 
 
-def optimum_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+def optimum_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Table:
     """The t0 of least energy of each pair and price list, of all and of those with meta-learning."""
     rows: list[tuple[Cell, ...]] = []
     for pair in PAIRS:
-        for prices in PRICE_LISTS:
+        for prices in lists:
             held = energy_rows(facts, energy, pair, prices)
             if held is None:
                 continue
             best, best_meta = optimum(held), optimum(held, with_meta=True)
             meta_cells = (best_meta.t0, best_meta.total.mean) if best_meta.t0 else (None, None)
             printed = next((t0 for t0 in (42, 132) if _printed(t0, pair)), None)
-            head = (pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices)
+            head = (pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices.name)
             rows.append(
                 (*head, best.t0, best.total.mean, *meta_cells, printed, failures(facts), len(task_stages(facts)))
             )
@@ -98,16 +94,16 @@ def optimum_csv(facts: Sequence[Fact], energy: Energy) -> Table:
     return Table("Optimal t0", (*headings, "printed_t0", "not_learned", "trials"), rows)
 
 
-def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
+def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> list[Table]:
     """The same for readers, in kJ, the optimum marked."""
     tables = []
     for pair in PAIRS:
-        for prices in PRICE_LISTS:
-            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices} prices"
+        for prices in lists:
+            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}"
             held = energy_rows(facts, energy, pair, prices)
             headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E", *carbon_headings(energy))
             if held is None:
-                note = "The paper implies no prices for these methods at these efficiencies."
+                note = _UNDEFINED if prices is published else _UNKNOWN
                 tables.append(Table(title, headings, [], (note,)))
                 continue
             best = optimum(held)
@@ -119,13 +115,13 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy) -> list[Table]:
     return tables
 
 
-def break_even_csv(facts: Sequence[Fact], energy: Energy) -> Table:
+def break_even_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Table:
     """M*, the number of tasks beyond which meta-learning pays; inf where none is enough."""
     rows: list[tuple[Cell, ...]] = []
     arms = arms_by_t0(facts)
     without = [fact for fact in facts if fact.arm == PLAIN]
     for pair in PAIRS:
-        for prices in PRICE_LISTS:
+        for prices in lists:
             for t0, arm in arms.items():
                 if t0 == 0 or not without:
                     continue
@@ -152,8 +148,7 @@ def _carbon(
     facts: Sequence[Fact], arm: str, energy: Energy, pair: Efficiencies, prices: PriceList
 ) -> tuple[Estimate | None, ...]:
     """Grams of one t0; not known by the published prices, which do not tell sites apart."""
-    found = carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy))
-    return found if prices == "literal" else (None,) * len(found)
+    return carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy), prices)
 
 
 def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:
@@ -162,4 +157,4 @@ def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:
 
 
 def _head(pair: Efficiencies, prices: PriceList, t0: int) -> tuple[Cell, ...]:
-    return pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices, t0
+    return pair.ul_bit_per_j / 1e3, pair.sl_bit_per_j / 1e3, prices.name, t0

@@ -13,13 +13,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jouleswarm.common.errors import StudyError
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
 from jouleswarm.studies.breakeven import MeanCounts, gain_map, mean_counts
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.paper_energy import energy_rows, optimum
-from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, PriceList, priced, runs_of
+from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, facts_of, runs_of
 from jouleswarm.studies.style import COLOURS, INK, META, PLAIN_COLOUR, blank, points
 
 PAPER_T0 = 210
@@ -36,24 +38,24 @@ _MAP_TASKS, _MAP_RATIOS = (1.0, 200.0), (0.01, 100.0)
 _MAP_POINTS = 121
 
 
-def figure_3(facts: Sequence[Fact], energy: Energy) -> Figure:
-    """Fig. 3 at the paper's t0 (else the largest): energy by both price lists, and rounds; with and without."""
+def figure_3(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
+    """Fig. 3 at the paper's t0 (else the largest): energy by each price list, and rounds; with and without."""
     t0 = shown_t0(facts)
     arms = {"with meta-learning": arms_by_t0(facts)[t0], "without": PLAIN}
     tasks = tasks_of(facts)
-    figure = blank(5.6)
-    panels = figure.subplots(3, 1, sharex=True)
-    for axes, prices in zip(panels[:2], PRICE_LISTS, strict=True):
+    figure = blank(5.6 * (len(lists) + 1) / 3)
+    *panels, last = figure.subplots(len(lists) + 1, 1, sharex=True)
+    for axes, prices in zip(panels, lists, strict=True):
         for place, arm in enumerate(arms.values()):
             _bars(axes, place, _stage_estimates(facts, arm, energy, prices, tasks))
-        axes.set_ylabel(f"energy (kJ),\n{prices} prices")
+        axes.set_ylabel(f"energy (kJ),\n{prices.label}")
     for place, arm in enumerate(arms.values()):
         rounds = [rounds_estimate(facts, "", arm, (task,), "rounds") for task in tasks]
         start = Estimate(float(t0 if arm != PLAIN else 0), None, 1)
-        _bars(panels[2], place, [start, *rounds])
-    panels[2].set_ylabel("rounds")
+        _bars(last, place, [start, *rounds])
+    last.set_ylabel("rounds")
     names = [f"meta-learning\n($t_0$ = {t0})", *(f"task {task}" for task in tasks)]
-    panels[2].set_xticks(range(len(names)), names)
+    last.set_xticks(range(len(names)), names)
     colours = (META, PLAIN_COLOUR)
     figure.legend(
         handles=[Patch(facecolor=colour, label=name) for name, colour in zip(arms, colours, strict=True)],
@@ -63,10 +65,10 @@ def figure_3(facts: Sequence[Fact], energy: Energy) -> Figure:
     return figure
 
 
-def figure_4a(facts: Sequence[Fact], energy: Energy) -> Figure:
+def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
     """Fig. 4a: E_ML, the sum of E_FL and E against t0, for both pairs of efficiencies; a panel a price list."""
     figure = blank(3.2)
-    for axes, prices in zip(figure.subplots(1, 2), PRICE_LISTS, strict=True):
+    for axes, prices in zip(figure.subplots(1, len(lists), squeeze=False)[0], lists, strict=True):
         for pair, colour in zip(PAIRS, _PAIR_COLOURS, strict=True):
             rows = energy_rows(facts, energy, pair, prices)
             if rows is None:
@@ -77,7 +79,7 @@ def figure_4a(facts: Sequence[Fact], energy: Energy) -> Figure:
                 points(axes, t0s, held, color=colour, marker=marker, linestyle=line)
             best = optimum(rows)
             axes.plot(best.t0, best.total.mean / 1e3, marker="o", color=colour, fillstyle="none", markersize=9)
-        axes.set_title(f"{prices} prices")
+        axes.set_title(prices.label)
         axes.set_xlabel("$t_0$ (rounds)")
         axes.set_ylabel("energy (kJ)")
         axes.set_yscale("symlog", linthresh=1.0)
@@ -112,7 +114,13 @@ def figure_4b(facts: Sequence[Fact]) -> Figure:
     return figure
 
 
-def break_even_figure(facts: Sequence[Fact], energy: Energy, sl_bit_per_j: float, t0: int | None = None) -> Figure:
+def break_even_figure(
+    facts: Sequence[Fact],
+    energy: Energy,
+    sl_bit_per_j: float,
+    t0: int | None = None,
+    prices: PriceList = literal,
+) -> Figure:
     """Energy without over energy with meta-learning by number of tasks and E_UL / E_SL, the line where it is 1.
 
     Without `t0` the best of those measured is taken at each point.
@@ -120,9 +128,13 @@ def break_even_figure(facts: Sequence[Fact], energy: Energy, sl_bit_per_j: float
     tasks = np.geomspace(*_MAP_TASKS, _MAP_POINTS)
     ratios = np.geomspace(*_MAP_RATIOS, _MAP_POINTS)
     here = energy.model_copy(update={"sl_bit_per_j": sl_bit_per_j})
-    found = np.log10(gain_map(_candidates(facts, t0), here, tasks, ratios))
+    found = np.log10(gain_map(_candidates(facts, t0), here, tasks, ratios, prices))
     figure = blank(3.4)
     axes = figure.subplots()
+    if np.isnan(found).any():
+        axes.text(0.5, 0.5, "the price list has no bill for these facts", ha="center", transform=axes.transAxes)
+        axes.set_title(prices.label)
+        return figure
     limit = float(np.abs(found).max()) or 1.0
     mesh = axes.pcolormesh(
         tasks, ratios, found, cmap="PuOr_r", norm=TwoSlopeNorm(0, -limit, limit), shading="gouraud", rasterized=True
@@ -134,7 +146,7 @@ def break_even_figure(facts: Sequence[Fact], energy: Energy, sl_bit_per_j: float
     axes.set_xlabel("tasks $M$")
     axes.set_ylabel("$E_{UL} / E_{SL}$")
     chosen = f"$t_0$ = {t0}" if t0 else "best measured $t_0$ at each point"
-    axes.set_title(f"{chosen}, $E_{{SL}}$ = {sl_bit_per_j / 1e3:g} kb/J, literal prices")
+    axes.set_title(f"{chosen}, $E_{{SL}}$ = {sl_bit_per_j / 1e3:g} kb/J, {prices.label}")
     ticks = np.linspace(-limit, limit, 5)
     bar = figure.colorbar(mesh, ax=axes, ticks=ticks, label="energy without / with meta-learning")
     bar.ax.set_yticklabels([f"{10**tick:.2g}" for tick in ticks])
@@ -162,12 +174,14 @@ def _stage_estimates(
     facts: Sequence[Fact], arm: str, energy: Energy, prices: PriceList, tasks: Sequence[int]
 ) -> list[Estimate]:
     """kJ of the meta stage and of each task at the first pair of efficiencies, where both price lists are defined."""
-    runs = [priced(run, PAIRS[0].of(energy), prices) for run in runs_of(facts, "", arm).values()]
-    held = [run for run in runs if run is not None]
-    if not held:
+    here = PAIRS[0].of(energy)
+
+    runs = [facts_of(run) for run in runs_of(facts, "", arm).values()]
+    stages = [[run.of_ml() for run in runs], *([run.of_task(task) for run in runs] for task in tasks)]
+    bills = [[price(prices, stage, here) for stage in held] for held in stages]
+    if any(bill is None for held in bills for bill in held):
         return []
-    stages = [[run.meta.total_j for run in held], *([run.tasks[task].total_j for run in held] for task in tasks)]
-    return [_kilo(estimate(stage)) for stage in stages]
+    return [_kilo(estimate(bill.total_j for bill in held if bill)) for held in bills]
 
 
 def _bars(axes: Axes, place: int, found: Sequence[Estimate]) -> None:

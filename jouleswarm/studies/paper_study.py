@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import own_lists
 from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import PLAIN
 from jouleswarm.studies.facts import Fact
@@ -49,26 +52,31 @@ def _check(scenario: Scenario, t0: int) -> None:
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """Table II, energies, break-even and Figs. 3 and 4, all from facts."""
-    energy, training = record.scenario.energy, record.scenario.meta.training_tasks
+    energy, training, lists = record.scenario.energy, record.scenario.meta.training_tasks, record.lists
     sl_bit_per_j = PAIRS[0].sl_bit_per_j
     return Outputs(
         csv={
             "table2": table_2_csv(facts),
             "seen_unseen": seen_unseen_csv(facts, training),
-            "energy": energy_csv(facts, energy),
-            "optimum": optimum_csv(facts, energy),
-            "breakeven": break_even_csv(facts, energy),
+            "energy": energy_csv(facts, energy, lists),
+            "optimum": optimum_csv(facts, energy, lists),
+            "breakeven": break_even_csv(facts, energy, lists),
         },
         markdown={
             "table2": table_2_markdown(facts),
             "seen_unseen": seen_unseen_markdown(facts, training),
-            "energy": energy_markdown(facts, energy),
+            "energy": energy_markdown(facts, energy, lists),
         },
         figures={
-            "fig3": lambda: figure_3(facts, energy),
-            "fig4a": lambda: figure_4a(facts, energy),
+            "fig3": lambda: figure_3(facts, energy, lists),
+            "fig4a": lambda: figure_4a(facts, energy, lists),
             "fig4b": lambda: figure_4b(facts),
-            "breakeven": lambda: break_even_figure(facts, energy, sl_bit_per_j, record.t0 or None),
+            **{
+                "breakeven" if prices is literal else f"breakeven-{prices.name}": partial(
+                    break_even_figure, facts, energy, sl_bit_per_j, record.t0 or None, prices
+                )
+                for prices in (literal, *own_lists(lists))
+            },
         },
     )
 

@@ -1,20 +1,21 @@
-"""Facts priced: joules of each stage, for any efficiencies, by either price list."""
+"""Facts priced: the bill of each arm of each run, for any efficiencies, by any price list."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.bill import Cost
-from jouleswarm.energy.equations import Counts, price
-from jouleswarm.runs.paper import CLUSTER_ROBOTS, published_of
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import Bill, Cost
+from jouleswarm.energy.facts import STAGE, Counts, Facts, Phase
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.energy.published import published
+from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import META_STAGE, Fact
 
-PriceList = Literal["literal", "published"]
-PRICE_LISTS: tuple[PriceList, ...] = ("literal", "published")
+PRICE_LISTS: tuple[PriceList, ...] = (literal, published)
 
 
 class Efficiencies(NamedTuple):
@@ -37,74 +38,42 @@ PAIRS = (Efficiencies(200e3, 500e3), Efficiencies(500e3, 200e3))
 """The two pairs of the paper's Fig. 4a."""
 
 
-class StageJoules(NamedTuple):
-    """Joules of one stage by cause; the published price list does not tell causes apart."""
-
-    learning_j: float | None
-    communication_j: float | None
-    total_j: float
-
-
-@dataclass(frozen=True)
-class RunJoules:
-    """One arm of one run, priced."""
-
-    meta: StageJoules
-    tasks: dict[int, StageJoules]
-
-    @property
-    def tasks_j(self) -> float:
-        """Sum of E_FL over the tasks, eq. (10)."""
-        return math.fsum(stage.total_j for stage in self.tasks.values())
-
-    @property
-    def total_j(self) -> float:
-        """E, eq. (12)."""
-        return self.meta.total_j + self.tasks_j
+def facts_of(facts: Sequence[Fact]) -> Facts:
+    """One arm of one run as price lists are given it: sums by phase and task, no single flows or processes."""
+    stage, tasks = next((fact for fact in facts if fact.task == META_STAGE), None), task_stages(facts)
+    first: dict[tuple[Phase, int], Counts] = {("ml", STAGE): stage.counts} if stage else {}
+    return Facts(
+        arm=facts[0].arm,
+        method=facts[0].method,
+        t0=stage.t0 if stage else 0,
+        parts=first | {("fl", fact.task): fact.counts for fact in tasks},
+        rounds={fact.task: fact.rounds for fact in tasks},
+        robots={fact.task: fact.robots for fact in tasks},
+        links={fact.task: fact.links for fact in tasks},
+    )
 
 
-def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> RunJoules | None:
-    """Joules of one arm of one run; None where the price list is not defined (see `energy.equations`).
+def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> Bill | None:
+    """The bill of one arm of one run; None where the list is not defined, or asks for more than a study's facts hold.
 
     Args:
         facts: of one arm and seed, one a stage; without a meta stage it costs nothing.
         energy: constants and efficiencies.
         prices: which price list.
     """
-    stages = {fact.task: _stage(fact, energy, prices) for fact in facts}
-    held = {task: stage for task, stage in stages.items() if stage is not None}
-    if len(held) < len(stages):
-        return None
-    meta = held.pop(META_STAGE, StageJoules(0.0, 0.0, 0.0))
-    return RunJoules(meta, held)
+    return price(prices, facts_of(facts), energy)
 
 
-class Causes(NamedTuple):
-    """Joules of one run by what they were spent on; they add up to E, eq. (12)."""
-
-    center_j: float
-    """Computing in the data center, PUE included."""
-    robots_j: float
-    """Computing on the robots."""
-    uplink_j: float
-    downlink_j: float
-    sidelink_j: float
-
-    @property
-    def total_j(self) -> float:
-        """E, eq. (12)."""
-        return math.fsum(self)
+def cost_of(facts: Sequence[Fact], energy: Energy) -> Cost:
+    """What one arm of one run cost by cause, literal prices."""
+    return literal.price(facts_of(facts), energy).both
 
 
-def causes(facts: Iterable[Fact], energy: Energy) -> Causes:
-    """Joules of one arm of one run by cause, literal prices."""
-    cost = cost_of(facts, energy)
-    return Causes(cost.center_computing_j, cost.robot_computing_j, cost.uplink_j, cost.downlink_j, cost.sidelink_j)
-
-
-def cost_of(facts: Iterable[Fact], energy: Energy) -> Cost:
-    """What one arm of one run cost, literal prices."""
-    return price(sum((fact.counts for fact in facts), Counts()), energy)
+def total_over_runs(runs: Iterable[Sequence[Fact]], energy: Energy, prices: PriceList) -> Estimate | None:
+    """E over seeds by a list; None where it has no bill for one of them."""
+    found = [priced(run, energy, prices) for run in runs]
+    held = [bill.total_j for bill in found if bill is not None]
+    return estimate(held) if len(held) == len(found) else None
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:
@@ -129,14 +98,3 @@ def task_stages(facts: Iterable[Fact]) -> list[Fact]:
 def failures(facts: Iterable[Fact]) -> int:
     """How many task stages ended without the task learned."""
     return sum(not fact.learned for fact in task_stages(facts))
-
-
-def _stage(fact: Fact, energy: Energy, prices: PriceList) -> StageJoules | None:
-    if prices == "literal":
-        cost = price(fact.counts, energy)
-        return StageJoules(cost.learning_j, cost.communication_j, cost.total_j)
-    meta = fact.task == META_STAGE
-    if not meta and fact.robots != CLUSTER_ROBOTS:
-        return None
-    published = published_of(fact.method, fact.t0 if meta else 0, 0 if meta else fact.rounds, energy)
-    return None if published is None else StageJoules(None, None, published.total_j)

@@ -6,11 +6,13 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.studies.files import write_atomically
 
-RECORD = "study.json"
+RECORD, MODEL_SUFFIX = "study.json", ".safetensors"
 
 
 class Record(BaseModel):
@@ -29,13 +31,21 @@ class Record(BaseModel):
     values: dict[str, dict[int, float]] = Field(default_factory=dict)
     """Variant -> seed -> what was measured of its scenario before it ran (similarity, say)."""
 
+    @property
+    def lists(self) -> tuple[PriceList, ...]:
+        """The scenario's price lists."""
+        return price_lists(self.scenario)
+
 
 def write_record(folder: Path, record: Record) -> None:
-    """Write `study.json`.
+    """Write `study.json`, and beside it the user's files that tables need: all that the scenario names but models.
 
     Raises:
         StudyError: it cannot be written.
     """
+    for name, path in record.scenario.files.items():
+        if path.suffix != MODEL_SUFFIX:
+            write_atomically(folder / DOORS / name, path.read_text(encoding="utf-8"))
     write_atomically(folder / RECORD, record.model_dump_json(indent=2) + "\n")
 
 
@@ -47,7 +57,7 @@ def read_record(folder: Path) -> Record:
     """
     path = folder / RECORD
     try:
-        return Record.model_validate_json(path.read_bytes())
+        return Record.model_validate_json(path.read_bytes(), context={"folder": folder / DOORS})
     except OSError as error:
         raise StudyError(f"{path}: cannot be read ({error.strerror}); name a results folder of a study") from error
     except ValidationError as error:

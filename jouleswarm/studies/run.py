@@ -10,8 +10,9 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
-from jouleswarm.common.scenario.reading import with_overrides
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.prices import price_lists
+from jouleswarm.energy.repricing import reprice as repriced
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.engine import FACTS, collected, run_jobs
 from jouleswarm.studies.facts import processors_note, read_facts, write_facts
@@ -44,7 +45,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
 
     plan = kind.plan(request)
     scenario = request.scenario(plan.settings)
-    _check_beta(scenario)
+    _check_prices(scenario)
     for job in plan.jobs:
         job.load()  # before hours are spent on others
     with usable("--results", where.results):
@@ -94,16 +95,11 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
         ConfigurationError: a change that is none of prices, or no folder for what comes of it.
         StudyError: `results` holds no study.
     """
-    other = [change for change in changes if not change.startswith("energy.")]
-    if other:
-        raise ConfigurationError(
-            f"--set {other[0]}: expected energy.KEY=VALUE; anything else needs the study run again"
-        )
     if into is None or into.resolve() == results.resolve():
         raise ConfigurationError(f"--set: expected --out FOLDER, so that {results} keeps the prices it was made with")
     record = read_record(results)
-    scenario = with_overrides(record.scenario, changes, str(results / RECORD))
-    _check_beta(scenario)
+    scenario, _ = repriced(record.scenario, changes, str(results / RECORD))
+    _check_prices(scenario)
     facts = read_facts(results / FACTS)
     with usable("--out", into):
         into.mkdir(parents=True, exist_ok=True)
@@ -112,8 +108,9 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
     return make_tables(into)
 
 
-def _check_beta(scenario: Scenario) -> None:
-    """Facts are counts: what a run measured of beta is not among them."""
+def _check_prices(scenario: Scenario) -> None:
+    """Whether facts can be priced. They are counts: what a run measured of beta is not among them."""
+    price_lists(scenario)
     if scenario.energy.beta == "measured":
         raise ConfigurationError(
             "energy.beta=measured: a study is priced with a number, expected one of 1 or more; "

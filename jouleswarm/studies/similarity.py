@@ -104,9 +104,10 @@ def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """The comparison of all stems, the gains, and gain against similarity."""
     energy = record.scenario.energy
+    title, lists = "Families of tasks from far to near", record.lists
     return Outputs(
-        csv={"similarity": comparison_csv(facts, energy), "gains": gains_csv(facts, record.values)},
-        markdown={"similarity": [comparison_markdown(facts, energy, "Families of tasks from far to near")]},
+        csv={"similarity": comparison_csv(facts, energy, lists), "gains": gains_csv(facts, record.values)},
+        markdown={"similarity": [comparison_markdown(facts, energy, title, lists)]},
         figures={"similarity": lambda: gains_figure(facts, record.values)},
     )
 

@@ -71,6 +71,6 @@ def comparison_outputs(title: str, facts: Sequence[Fact], record: Record) -> Out
     """One table of all variants and arms, for programs and for readers; no figure yet."""
     energy = record.scenario.energy
     return Outputs(
-        csv={record.study: comparison_csv(facts, energy)},
-        markdown={record.study: [comparison_markdown(facts, energy, title)]},
+        csv={record.study: comparison_csv(facts, energy, record.lists)},
+        markdown={record.study: [comparison_markdown(facts, energy, title, record.lists)]},
     )

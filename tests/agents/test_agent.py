@@ -18,7 +18,7 @@ from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, Presence, encode_json, encode_motion
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, Presence, encode_json
 from jouleswarm.common.wire.models import decode_model, encode_model
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.datacenter.center import run_datacenter
@@ -26,6 +26,7 @@ from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 from jouleswarm.runs.traffic import traffic
 from jouleswarm.simulation import Outcome, run_in_memory
+from tests.made_up import encode_motion
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 DEADLINE_S = 60.0

@@ -11,7 +11,7 @@ import pytest
 from jouleswarm.agents.meta_stage import MetaLink
 from jouleswarm.agents.partners import Partners
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.codecs.codec import Codec, codec_of, open_codec
+from jouleswarm.codecs.codec import Codec, codec_of
 from jouleswarm.codecs.floats import FLOAT32, Float16
 from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsEncoder
@@ -136,17 +136,17 @@ def test_an_arm_begins_with_a_whole_model_again() -> None:
     assert pair.got(1) == [8, 8, 8, 8]
 
 
-NAMES: tuple[str, ...] = ("float32", "float16", "int8", "topk")
+CODECS = {codec.name: codec for codec in (FLOAT32, Float16(), Int8(), TopK())}
 
 
-@pytest.mark.parametrize(("got", "expected"), list(itertools.permutations(NAMES, 2)))
+@pytest.mark.parametrize(("got", "expected"), list(itertools.permutations(CODECS, 2)))
 def test_weights_and_meta_models_of_another_codec_are_refused_counted_and_waited_past(got: str, expected: str) -> None:
-    pair = Pair(open_codec(expected, Federation()))
+    pair = Pair(CODECS[expected])
     pair.meta.listen([Arm("maml", "maml", 3)])
-    wrong = WeightsEncoder(open_codec(got, Federation()))
+    wrong = WeightsEncoder(CODECS[got])
     pair.send(wrong.payload(vector(9, 9, 9, 9), header(2, 1)))
     pair.other.publish(topics.meta_model(RUN, "maml"), wrong.payload(vector(9, 9, 9, 9), header(2, 3)))
-    right = WeightsEncoder(open_codec(expected, Federation()))
+    right = WeightsEncoder(CODECS[expected])
     pair.other.publish(topics.meta_model(RUN, "maml"), right.payload(vector(0, 127, 0, -127), header(2, 3)))
     pair.send(pair.theirs.payload(vector(0, 127, 0, -127), header(2, 1)))  # exact in every codec
     assert pair.meta.await_model(Arm("maml", "maml", 3), 3)["w"].tolist() == [0, 127, 0, -127]

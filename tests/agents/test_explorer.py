@@ -12,13 +12,13 @@ import numpy.typing as npt
 import pytest
 
 from jouleswarm.agents.explorer import Explorer
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.messages import MotionHeader, decode_motion
+from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.learning.learner import Learner
 from jouleswarm.learning.networks import build_qnetwork
-from tests.made_up import image
+from tests.made_up import decode_motion, image
 
 FORWARD, LEFT = 0, 2
 FIRST, SECOND, EXIT = -0.5 - 2.5 * 2 / 3, -0.5 - 2.5 / 3, 80.0

@@ -58,7 +58,7 @@ def test_without_a_folder_nothing_is_written(tmp_path: Path, monkeypatch: pytest
     new.begin("maml", START)
     new.save("maml", 1, {"count": Count()})
     new.clear()
-    assert (new.rows, new.frames) == (None, None)
+    assert (new.rows, new.frames("fl")) == (None, None)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -99,7 +99,7 @@ OTHERS = {
     "another robot": {"agent": 2},
     "another run": {"run": "other"},
     "another seed": {"seed": 9},
-    "other rounds": {"federation": {"max_rounds": 7}},
+    "another window": {"federation": {"reward_window": 7}},
 }
 
 

@@ -15,7 +15,8 @@ import pytest
 
 from jouleswarm.chaos.faults import Site, inject, refused
 from jouleswarm.common.disk.lock import Lock
-from jouleswarm.common.disk.state import State, StateFile
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.manifest import manifest

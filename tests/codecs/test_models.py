@@ -61,7 +61,7 @@ def test_an_encoder_that_fails_ends_the_sender_with_the_codecs_name_and_line() -
 
 def test_a_check_of_its_own_refuses_a_message_of_a_named_robot() -> None:
     payload = encode_model({"w": np.array([7, 8], np.uint32)}, HEADER)
-    with pytest.raises(PayloadError, match="model of robot 2, round 3: codec mine: seven"):
+    with pytest.raises(PayloadError, match="model of robot 2, round 3: codec mine: check raises ValueError: seven"):
         read_model(payload, SHAPES, Positive())
 
 

@@ -66,7 +66,10 @@ WRONG = {
     "a name that headers hold": (changed('"mine"', "'x' * 33"), "its name is 'xxxxxxxxx"),
     "yes or no": (changed("False", "'no'"), "lossless is 'no', expected True or False"),
     "a share": (changed("    def layout", "    share = 2\n    def layout"), "share is 2, expected more than 0"),
-    "a dtype of the wire": (changed('"F32"', '"float32"'), "layout is no dict of name: (safetensors dtype, shape)"),
+    "a share that is a number": (changed("    def layout", "    share = 'all'\n    def layout"), "share is 'all'"),
+    "a dtype of the wire": (changed('"F32"', '"float32"'), "layout gives {{'0.bias': ('float32', (3,)), "),
+    "a size that is known": (changed("shape) for", "(-1,)) for"), "layout gives {{'0.bias': ('F32', (-1,)), "),
+    "no layout": (changed('{key: ("F32", shape) for key, shape in shapes.items()}', "[*shapes]"), "layout gives ["),
     "encode raises": (
         changed(SENT, "return {key: value + base[key] for key, value in weights.items()}"),
         "encode raises TypeError: 'NoneType' object is not subscriptable (mine.py, line 9)",
@@ -78,11 +81,11 @@ WRONG = {
     "no arrays": (changed(SENT, "return [*weights]"), "encode gives list, expected a dict of arrays"),
     "not its layout": (
         changed(SENT, "return {key: value.astype(np.float16) for key, value in weights.items()}"),
-        "encode does not keep to its layout: 0.weight is ('F16', (3, 2, 2, 2)), expected ('F32', (3, 2, 2, 2))",
+        "encode does not keep to its layout: 0.weight is F16 (3, 2, 2, 2), expected F32 (3, 2, 2, 2)",
     ),
     "a tensor too few": (
         changed(SENT, "return {key: weights[key] for key in list(weights)[1:]}"),
-        "encode does not keep to its layout: 0.weight is None, expected ('F32', (3, 2, 2, 2))",
+        "encode does not keep to its layout: 0.weight is not there, expected F32 (3, 2, 2, 2)",
     ),
     "decode raises": (changed(BACK, "return tensors['all']"), "decode raises KeyError: 'all' (mine.py, line 11)"),
     "names do not come back": (changed(BACK, "return {'w': tensors['0.bias']}"), "decode gives ['w'], expected"),
@@ -112,7 +115,7 @@ WRONG = {
     ),
     "refused by itself": (
         GOOD + "    def check(self, tensors, shapes):\n        raise ValueError('never right')\n",
-        "never right",
+        "check raises ValueError: never right (mine.py, line 13)",
     ),
 }  # fmt: skip
 
@@ -134,21 +137,24 @@ def test_a_message_with_nothing_to_tell_is_tried_too(tmp_path: Path) -> None:
     assert scenario_with(tmp_path, relative.replace("abs(v).max()", "max(abs(v).max(), np.float32(1e-9))"))
 
 
-def test_a_codec_that_keeps_what_it_promises_is_opened(tmp_path: Path) -> None:
-    codec = codec_of(scenario_with(tmp_path, GOOD))
+def test_a_codec_that_keeps_what_it_promises_is_opened_whatever_it_calls_what_it_gets(tmp_path: Path) -> None:
+    codec = codec_of(scenario_with(tmp_path, changed("whole", "first").replace("shapes", "sizes")))
     weights = {"w": np.array([1.5, -2.0], np.float32)}
     assert codec.decode(codec.encode(weights, None), {"w": (2,)}, None)["w"].tolist() == [1.5, -2.0]
 
 
 def test_a_class_method_makes_it_from_the_scenarios_settings(tmp_path: Path) -> None:
-    made = "    @classmethod\n    def from_settings(cls, federation):\n        made = cls()\n        made.seen = "
-    scenario = scenario_with(tmp_path, f"{GOOD}{made}federation.max_rounds\n        return made\n")
+    made = "    @classmethod\n    def from_scenario(cls, scenario):\n        made = cls()\n        made.seen = "
+    scenario = scenario_with(tmp_path, f"{GOOD}{made}scenario.federation.max_rounds\n        return made\n")
     assert codec_of(scenario).seen == 40  # type: ignore[attr-defined]
 
 
 def test_an_unknown_word_is_told_with_the_nearest(tmp_path: Path) -> None:
     line = refusal(tmp_path, GOOD, "federation.codec=topq")
-    assert line == "codec 'topq': expected float16, float32, int8, topk or module:name; did you mean topk?"
+    assert (
+        line
+        == "codec 'topq': expected float16, float32, int8, png, raw, resized, topk or module:name; did you mean topk?"
+    )
 
 
 def test_who_goes_on_without_the_missing_needs_whole_messages(tmp_path: Path) -> None:

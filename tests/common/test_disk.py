@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jouleswarm.common.disk.state import State, StateFile, write_whole
+from jouleswarm.common.disk.files import write_whole
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.disk.trouble import allocate, disk_error, full_disk_is_told
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import Counters

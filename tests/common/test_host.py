@@ -12,7 +12,8 @@ import pytest
 import torch
 
 from jouleswarm.common import host as module
-from jouleswarm.common.disk.state import STATE_FILE, State, StateFile
+from jouleswarm.common.disk.state import STATE_FILE, State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.host import PROCESSOR, Others, arithmetic, same_arithmetic
 from jouleswarm.common.wire.messages import Presence

@@ -23,13 +23,11 @@ from jouleswarm.common.wire.messages import (
     Presence,
     RoundRequest,
     decode_json,
-    decode_motion,
     encode_json,
-    encode_motion,
 )
 from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model
 from jouleswarm.common.wire.saved_models import check_model
-from tests.made_up import image
+from tests.made_up import decode_motion, encode_motion, image
 
 WEIGHTS = {
     "0.weight": np.arange(6, dtype=np.float32).reshape(2, 3) / 7,

@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from jouleswarm.common.scenario import reference
+from jouleswarm.common.scenario.environments import LANDMARKS, factory_of
 from jouleswarm.common.scenario.scenario import Scenario
 
 PAGE = Path(__file__).parents[2] / "docs" / "scenarios.md"
@@ -37,5 +38,7 @@ def test_every_field_says_what_it_means() -> None:
                 found.append(f"{where}{name}")
         return found
 
-    assert unsaid(Scenario, "") == []
+    landmarks = factory_of(LANDMARKS, None)
+    for model in (Scenario, landmarks.task, *landmarks.sections.values()):
+        assert unsaid(model, "") == []
     assert inspect.getdoc(Scenario)

@@ -27,7 +27,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["toy", "quick", "paper", "hexapod"])
+@pytest.mark.parametrize("name", ["toy", "quick", "paper", "hexapod", "frozenlake", "cartpole"])
 def test_a_scenario_of_the_package_is_read_by_its_name_from_any_folder(name: str) -> None:
     assert load_scenario(name).name == name
 
@@ -46,7 +46,8 @@ def test_a_folder_that_has_the_name_stands_in_nobodys_way(elsewhere: Path) -> No
 def test_an_unknown_name_is_told_the_known_ones() -> None:
     with pytest.raises(ConfigurationError) as error:
         load_scenario("tyo")
-    assert str(error.value) == "scenario tyo: no file here, expected one or a name: hexapod, paper, quick, toy"
+    names = "cartpole, frozenlake, hexapod, minigrid, paper, quick, toy"
+    assert str(error.value) == f"scenario tyo: no file here, expected one or a name: {names}"
 
 
 @pytest.mark.parametrize("path", ["quick.toml", "folder/quick"])

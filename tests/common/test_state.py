@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.seals import Growing, Seal
-from jouleswarm.common.disk.state import State, StateFile, generator_state, load_generator, write_whole
+from jouleswarm.common.disk.state import State, generator_state, load_generator
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 
 OWNER = "robot 1 of run r"
@@ -134,7 +136,7 @@ def dies(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
         file.write(content[: int(share * len(content))])
         raise Killed
 
-    monkeypatch.setattr("jouleswarm.common.disk.state._write_all", write)
+    monkeypatch.setattr("jouleswarm.common.disk.statefile._write_all", write)
 
 
 @pytest.mark.parametrize("share", [0, 0.5, 1])

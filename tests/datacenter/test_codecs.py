@@ -5,23 +5,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from jouleswarm.codecs.codec import codec_of, open_codec
+from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.frames import resize
-from jouleswarm.codecs.observations import encode_experience
+from jouleswarm.codecs.observations import encode_experience, experience_codec_of
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import ExperienceCodec, Federation
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.datacenter.experience import read_motion
 from jouleswarm.datacenter.services import WeightsService
 from jouleswarm.learning.networks import build_qnetwork, to_weights
-from tests.made_up import image
 
 CODECS: tuple[str, ...] = ("float32", "float16", "int8", "topk")
-EXPERIENCE: tuple[ExperienceCodec, ...] = ("raw", "png", "resized")
+EXPERIENCE: tuple[str, ...] = ("raw", "png", "resized")
 FEDAVG = Arm("fedavg", "fedavg", 0)
 HEADER = ModelHeader(task=1, agent=1, round=1, reward=1.0, samples=20, rewards={1: (1, 1.0)})
 MOTION = MotionHeader(task=1, agent=1, round=1, motion=0, action=0, reward=0, first=True, terminated=False)
@@ -35,7 +33,7 @@ def test_the_parameter_server_takes_weights_of_its_codec_alone(make_scenario: Ma
     scenario = make_scenario(federation={"codec": codec}, methods=["fedavg"])
     server, weights = WeightsService(scenario, FEDAVG), to_weights(build_qnetwork(scenario, 1))
     for sent in CODECS:
-        payload = WeightsEncoder(open_codec(sent, Federation())).payload(weights, HEADER)
+        payload = WeightsEncoder(codec_of(make_scenario(federation={"codec": sent}))).payload(weights, HEADER)
         if sent == codec:
             assert server.read(payload, 1, 1)[:2] == (1, 0)
         else:
@@ -55,15 +53,16 @@ def test_a_first_round_of_differences_is_refused_before_it_can_do_harm(make_scen
 
 @pytest.mark.parametrize("codec", EXPERIENCE)
 def test_experience_of_the_scenarios_codec_alone_becomes_the_frame_that_is_learned_from(
-    make_scenario: MakeScenario, codec: ExperienceCodec
+    make_scenario: MakeScenario, codec: str
 ) -> None:
     scenario = make_scenario(meta={"experience_codec": codec})
+    expected = experience_codec_of(scenario)
     for sent in EXPERIENCE:
-        payload = encode_experience(FRAME, MOTION, sent, image(6, 8))
+        payload = encode_experience(FRAME, MOTION, experience_codec_of(make_scenario(meta={"experience_codec": sent})))
         if sent == codec:
-            motion = read_motion(payload, scenario)
+            motion = read_motion(payload, scenario, expected)
             assert np.array_equal(motion.frame, resize(FRAME, 8, 6))
             assert motion.payload_bytes == len(payload)
         else:
             with pytest.raises(PayloadError, match="motion"):
-                read_motion(payload, scenario)
+                read_motion(payload, scenario, expected)

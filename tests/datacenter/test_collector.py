@@ -13,15 +13,9 @@ from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import (
-    MotionHeader,
-    Presence,
-    RoundRequest,
-    decode_json,
-    encode_json,
-    encode_motion,
-)
+from jouleswarm.common.wire.messages import MotionHeader, Presence, RoundRequest, decode_json, encode_json
 from jouleswarm.datacenter.collector import Collector
+from tests.made_up import encode_motion
 
 RUN, ARM = "r", "maml"
 DEADLINE_S = 20.0

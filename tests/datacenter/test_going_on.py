@@ -15,7 +15,7 @@ from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jouleswarm.common.disk.state import StateFile
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.wire.messages import MotionHeader
 from jouleswarm.datacenter.experience import Motion, Walks
 from jouleswarm.learning.replay import Replay

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from jouleswarm.codecs.raw import Raw
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
@@ -23,7 +24,6 @@ from jouleswarm.common.wire.messages import (
     Wait,
     decode_json,
     encode_json,
-    encode_motion,
 )
 from jouleswarm.common.wire.models import decode_model, encode_model
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
@@ -31,6 +31,7 @@ from jouleswarm.datacenter.experience import read_motion
 from jouleswarm.datacenter.services import ExperienceService, WeightsService
 from jouleswarm.learning.networks import build_qnetwork, shapes_of
 from jouleswarm.methods.mixing import weighted_average
+from tests.made_up import encode_motion
 
 Make = Callable[..., Scenario]
 RUN, DONE = "r", 2
@@ -182,7 +183,9 @@ def test_the_data_center_learns_as_many_batches_as_the_robots_would_have_whoever
     make_scenario: Make,
 ) -> None:
     scenario = make_scenario(methods=["centralized"], learning={"batches_per_round": 5, "batch_size": 4})
-    arrived = {agent: [read_motion(each, scenario) for each in motions(scenario, agent)] for agent in (1, 2)}
+    arrived = {
+        agent: [read_motion(each, scenario, Raw("uint8")) for each in motions(scenario, agent)] for agent in (1, 2)
+    }
     backwards = dict(reversed(arrived.items()))
     (ours, gradients), (theirs, _) = (
         ExperienceService(scenario, CENTRALIZED).model(Turn(1, 1, order)) for order in (arrived, backwards)

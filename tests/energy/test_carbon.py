@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.carbon import Carbon, carbon, has_carbon
-from jouleswarm.energy.equations import Bill, Cost
 
-COST = Cost(center_computing_j=7.2e6, robot_computing_j=1.8e6)  # 2 kWh in the data center, 0.5 kWh on robots
+COST = Cost(computing_datacenter_j=7.2e6, computing_robots_j=1.8e6)  # 2 kWh in the data center, 0.5 kWh on robots
 
 
 def test_a_kilowatt_hour_is_3_6_megajoules() -> None:

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from jouleswarm.common.disk.lock import Lock
-from jouleswarm.common.disk.state import State, StateFile
+from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.counters import Counters
 from jouleswarm.common.scenario.reading import scenario_from

@@ -135,6 +135,14 @@ def start(tmp_path: Path) -> Iterator[Starter]:
     starter.end()
 
 
+@pytest.fixture(scope="module")
+def starter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Starter]:
+    """As `start`, for all tests of a file."""
+    starter = Starter(tmp_path_factory.mktemp("started"))
+    yield starter
+    starter.end()
+
+
 @dataclass
 class Run:
     """A finished run directory."""
@@ -166,7 +174,7 @@ class Run:
 RunToy = Callable[..., Run]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def read_run() -> Callable[..., Run]:
     return lambda path, printed="": Run(path, printed)
 

@@ -14,7 +14,8 @@ from jouleswarm.codecs.floats import FLOAT32, Float16
 from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.codecs.topk import TopK
-from jouleswarm.common.disk.state import State, StateFile, Stateful
+from jouleswarm.common.disk.state import State, Stateful
+from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.scenario.sections import Learning, Network
 from jouleswarm.common.wire.messages import ModelHeader
@@ -152,7 +153,7 @@ def killed(folder: Path, frames: int, share: float | None, patch: pytest.MonkeyP
         raise Killed
 
     with patch.context() as dying:
-        dying.setattr("jouleswarm.common.disk.state._write_all", write)
+        dying.setattr("jouleswarm.common.disk.statefile._write_all", write)
         with pytest.raises(Killed):
             file.save(replay.state())
 

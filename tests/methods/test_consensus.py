@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jouleswarm.codecs.codec import Codec, open_codec
+from jouleswarm.codecs.codec import Codec, share_of
+from jouleswarm.codecs.floats import Float16
+from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.codecs.topk import TopK
-from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.methods.mixing import default_step, mix, mixing_weights
 
 Model = dict[str, npt.NDArray[np.float32]]
@@ -65,12 +66,11 @@ def test_a_robot_keeps_the_precision_that_its_message_had_not() -> None:
     assert mix(model(1.0 + little), {2: model(1.0)}, {2: 1.0}, 0.5, told=model(1.0))["w"].tolist() == [1.0 + little]
 
 
-@pytest.mark.parametrize("codec", ["float16", "int8", "topk"])
-def test_two_robots_that_mix_by_a_lossy_codec_come_together_at_their_mean(codec: str) -> None:
-    share = 0.05 if codec == "topk" else 1.0
-    distance, centre = distances(open_codec(codec, Federation(topk_share=0.05)), default_step(1, share), rounds=400)
+@pytest.mark.parametrize("codec", [Float16(), Int8(), TopK(0.05)], ids=lambda codec: codec.name)
+def test_two_robots_that_mix_by_a_lossy_codec_come_together_at_their_mean(codec: Codec) -> None:
+    distance, centre = distances(codec, default_step(1, share_of(codec)), rounds=400)
     # steps of 1/127 of the largest weight, about 3, are not told apart; float16 and topk tell smaller ones
-    assert distance[-1] < (3 / 127 if codec == "int8" else 1e-3 * distance[0])
+    assert distance[-1] < (3 / 127 if codec.name == "int8" else 1e-3 * distance[0])
     assert centre < 1e-5
 
 

@@ -89,9 +89,9 @@ def test_savings() -> None:
 
 
 def test_bills_of_table_ii() -> None:
-    assert implied_bill(0).ml_j == 0
+    assert implied_bill(0).ml.total_j == 0
     assert literal_bill(0, EFFICIENT_UPLINK).total_j == pytest.approx(921.5 * 529.6)
-    assert literal_bill(42, EFFICIENT_SIDELINK).fl_j == pytest.approx(371.5 * 260.8)
+    assert literal_bill(42, EFFICIENT_SIDELINK).fl.total_j == pytest.approx(371.5 * 260.8)
 
 
 @pytest.mark.parametrize(

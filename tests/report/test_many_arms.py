@@ -22,14 +22,14 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.prices import Prices
+from jouleswarm.energy.repricing import Prices
 from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts
 from jouleswarm.report.report import Run, load_run, report
-from jouleswarm.report.tables import bytes_table, causes_table, rounds_table, sites_table, totals_table
+from jouleswarm.report.tables import bytes_table, causes_tables, rounds_table, sites_tables, totals_table
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.manifest import manifest
@@ -110,7 +110,7 @@ def test_rounds_have_a_row_an_arm_with_its_own_t0(run: Run) -> None:
 
 
 def test_causes_of_an_arm_from_an_earlier_meta_model(run: Run) -> None:
-    found = rows_of(causes_table(run, run.scenario.energy))
+    found = rows_of(causes_tables(run, run.scenario.energy)[0])
     # data center 2 rounds x 2 tasks x 20 x 1.67 x 11.8 J; robots 42 x 2 x 20 x 2.04 J; up 4 x 20,000 B x 8 / 200 kb/J;
     # sidelinks 42 x 5000 B x 8 / 500 kb/J
     assert found["Reptile, t0 = 2"] == ["1.576 kJ", "3.427 kJ", "3.2 J", "0 J", "3.36 J", "5.01 kJ"]
@@ -120,14 +120,14 @@ def test_causes_of_an_arm_from_an_earlier_meta_model(run: Run) -> None:
 
 def test_sites_have_grams_only_where_an_intensity_is_given(run: Run) -> None:
     energy = run.scenario.energy
-    assert sites_table(run, energy).headings == ["arm", "data center", "robots"]
+    assert sites_tables(run, energy)[0].headings == ["arm", "data center", "robots"]
     energy = energy.model_copy(update={"datacenter_g_per_kwh": 360.0})  # 0.0001 g a joule
-    table = sites_table(run, energy)
+    table = sites_tables(run, energy)[0]
     assert table.headings[3:] == ["gCO2e, data center", "gCO2e, robots", "gCO2e, both"]
     assert rows_of(table)["ANIL, t0 = 6"] == ["4.729 kJ", "3.44 kJ", "0.4729 g", "unknown", "unknown"]
     both = energy.model_copy(update={"robots_g_per_kwh": 36.0})
     # robots 3427.2 + 9.6 + 3.36 J at 0.00001 g
-    assert rows_of(sites_table(run, both))["ANIL, t0 = 6"][2:] == ["0.4729 g", "0.0344 g", "0.5073 g"]
+    assert rows_of(sites_tables(run, both)[0])["ANIL, t0 = 6"][2:] == ["0.4729 g", "0.0344 g", "0.5073 g"]
 
 
 def test_headline_tells_the_intensities_that_are_known(run: Run) -> None:

@@ -10,14 +10,17 @@ from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.meter import Meter
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import weights
-from jouleswarm.energy.equations import TABLE_I
-from jouleswarm.energy.prices import Prices, reprice
+from jouleswarm.energy.closed_form import TABLE_I
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.notes import notes, verdicts
 from jouleswarm.report.report import load_run, print_report, report
-from jouleswarm.runs.columns import closed_bill, columns, control_j, measured_parts
+from jouleswarm.runs.arm_facts import control_facts
+from jouleswarm.runs.columns import Column, closed_facts, columns
 from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
 from jouleswarm.runs.summary import summarise
 
@@ -44,6 +47,16 @@ def printed(path: Path, prices: Prices | None = None, **options: bool) -> str:
     report(path, prices, console=console, **options)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
+
+
+def column(held: list[Column], label: str) -> dict[str, float | None]:
+    (found,) = (each.joules for each in held if each.label == label)
+    return found
+
+
+def repriced(energy: Energy, prices: Prices, scenario: Scenario) -> tuple[Energy, str]:
+    other, suffix = reprice(scenario.model_copy(update={"energy": energy}), prices.changes, "run")
+    return other.energy, suffix
 
 
 def test_a_complete_run_is_read_whole(complete, facts) -> None:
@@ -82,7 +95,7 @@ def test_an_interrupted_run_prints_what_is_known(interrupted) -> None:
 
 def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None:
     run = load_run(interrupted)
-    measured = measured_parts(run, "maml", run.scenario.energy)
+    measured = column(columns(run, "maml", run.scenario.energy), "measured payload")
     assert (measured["ml_learning"], measured["total"]) == (pytest.approx(2364.72), None)
     held = {column.label: column.joules["total"] for column in columns(run, "maml", run.scenario.energy)}
     assert held["measured payload"] is None
@@ -186,22 +199,24 @@ def test_columns_side_by_side(complete) -> None:
 
 def test_scenario_sizes_of_a_paper_size_scenario_are_near_table_i(complete) -> None:
     run = load_run(complete)
-    ours = closed_bill(run, "maml", run.scenario.energy).total_j
-    papers = closed_bill(run, "maml", run.scenario.energy, TABLE_I).total_j
-    assert ours is not None
+    ours = literal.price(closed_facts(run, "maml"), run.scenario.energy).total_j
+    papers = literal.price(closed_facts(run, "maml", TABLE_I), run.scenario.energy).total_j
     assert ours == pytest.approx(papers, rel=0.01)
 
 
 def test_control_is_priced_apart(complete) -> None:
     run = load_run(complete)
     # 4 x 100 B down and 300 B to the recorder, both at 200 kb/J
-    assert control_j(run, "maml", run.scenario.energy) == pytest.approx(0.028)
+    control = control_facts(run.facts["maml"], run.meter_rows)
+    assert literal.price(control, run.scenario.energy).total_j == pytest.approx(0.028)
+    told = sorted((flow.link, flow.receiver, flow.messages, flow.payload_bytes) for flow in control.flows)
+    assert told == [*(("downlink", f"agent-{each}", 1, 100) for each in (1, 2, 3, 4)), ("uplink", "recorder", 1, 300)]
 
 
 def test_pricing_again_scales_communication_only(complete) -> None:
     run = load_run(complete)
-    energy, suffix = reprice(run.scenario.energy, Prices(ul=500, sl=200))
-    parts = measured_parts(run, "maml", energy)
+    energy, suffix = repriced(run.scenario.energy, Prices(ul=500, sl=200), run.scenario)
+    parts = column(columns(run, "maml", energy), "measured payload")
     assert suffix == "-ul500-sl200"
     assert parts["ml_communication"] == pytest.approx(2.24)  # 140,000 B x 8 / 500 kb/J
     assert parts["fl_communication"] == pytest.approx(4.0)  # 100,000 B x 8 / 200 kb/J
@@ -209,13 +224,13 @@ def test_pricing_again_scales_communication_only(complete) -> None:
     assert {column.label: column.joules["total"] for column in columns(run, "maml", energy)}["published prices"] is None
 
 
-def test_the_same_prices_are_no_repricing() -> None:
-    assert reprice(Energy(), Prices(ul=200, sl=500, pue=1.67)) == (Energy(), "")
+def test_the_same_prices_are_no_repricing(facts) -> None:
+    assert repriced(Energy(), Prices(ul=200, sl=500, pue=1.67), facts.scenario) == (Energy(), "")
 
 
-def test_every_price_can_be_changed() -> None:
+def test_every_price_can_be_changed(facts) -> None:
     prices = Prices(dl=100, pue=1.2, beta=2, carbon_datacenter=350, carbon_robots=0, via_base_station=True)
-    energy, suffix = reprice(Energy(), prices)
+    energy, suffix = repriced(Energy(), prices, facts.scenario)
     assert (energy.dl_bit_per_j, energy.pue, energy.beta, energy.sidelink) == (100e3, 1.2, 2, "via_base_station")
     assert (energy.datacenter_g_per_kwh, energy.robots_g_per_kwh) == (350, 0)
     assert suffix == "-dl100-pue1.2-beta2-carbon-datacenter350-carbon-robots0-via-base-station"
@@ -234,7 +249,7 @@ def test_every_price_can_be_changed() -> None:
 )
 def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(says)):
-        reprice(Energy(), Prices(**{option: value}))
+        _ = Prices(**{option: value}).changes
 
 
 def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.report.report import load_run, print_report
-from jouleswarm.report.tables import lost_table
+from jouleswarm.report.tables import lost_tables
 from jouleswarm.runs.lost_work import lost_work
 from jouleswarm.runs.summary import summarise
 
@@ -88,11 +88,10 @@ def test_lost_work_is_in_the_bill_and_told_beside_it(facts: Any) -> None:
 
 def test_the_report_shows_what_was_lost_and_the_bill_with_and_without(write_run: Write, facts: Any) -> None:
     path = write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
-    assert lost_table(load_run(path), facts.scenario.energy) is None
+    assert lost_tables(load_run(path), facts.scenario.energy) == []
     (path / "work.jsonl").write_text("".join(row.model_dump_json() + "\n" for row in disturbed()))
     run = load_run(path)
-    table = lost_table(run, run.scenario.energy)
-    assert table is not None
+    (table,) = lost_tables(run, run.scenario.energy)
     # 3187.92 J by the rows alone
     assert table.rows[0] == ["MAML, t0 = 3", "7", "20", "20", "14.28 J", "394.1 J", "3.596 kJ", "3.188 kJ"]
     assert table.rows[1][1:6] == ["0", "0", "0", "0 J", "0 J"]

@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.meter.meter import Meter, MeterRow
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import Energy
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.energy.equations import Counts, StageCounts, bill
+from jouleswarm.energy.facts import Counts, StageCounts
+from jouleswarm.energy.literal import bill
 from jouleswarm.runs.facts import arm_counts, meta_counts, meta_rounds, task_counts, task_results
 from jouleswarm.runs.summary import summarise
 
@@ -123,10 +124,10 @@ def test_centralized_learning_is_paid_by_the_data_center_in_its_tasks() -> None:
     counts = arm_counts(rows, up + down, "centralized")
     assert counts == StageCounts(fl=Counts(gradients_support=40, uplink_bytes=24_000, downlink_bytes=5_000))
     priced = bill(counts, Energy())
-    assert priced.fl.center_computing_j == pytest.approx(788.24)  # 1.67 x 40 x 11.8 J
+    assert priced.fl.computing_datacenter_j == pytest.approx(788.24)  # 1.67 x 40 x 11.8 J
     assert priced.robots_j == pytest.approx(0.96)  # 192 kbit / 200 kb/J, sent by robots
     assert priced.datacenter_j == pytest.approx(788.44)  # and 40 kbit / 200 kb/J down
-    assert priced.ml_j == 0
+    assert priced.ml.total_j == 0
 
 
 def test_the_rows_of_the_data_center_are_no_robots_results() -> None:

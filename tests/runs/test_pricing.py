@@ -8,7 +8,7 @@ from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link, weights
-from jouleswarm.energy.equations import Counts, StageCounts
+from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.runs.facts import TaskResult, arm_counts, meta_rounds, task_counts, task_results
 from jouleswarm.runs.summary import summarise
 from jouleswarm.runs.traffic import Traffic, metered_by, traffic

@@ -4,7 +4,8 @@ import pytest
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Network
-from jouleswarm.energy.equations import TABLE_I, Counts, StageCounts
+from jouleswarm.energy.closed_form import TABLE_I
+from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.runs.sizes import expected_counts, scenario_sizes
 from tests.made_up import qnetwork, with_network
 

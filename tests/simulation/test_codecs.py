@@ -7,13 +7,12 @@ import pytest
 import safetensors.numpy
 
 from jouleswarm.codecs.codec import Codec, codec_of
+from jouleswarm.codecs.observations import experience_bytes, experience_codec_of
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.scenario.sections import ExperienceCodec, Network
-from jouleswarm.common.scenario.spaces import experience_bytes
-from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, encode_motion
+from jouleswarm.common.wire.messages import ModelHeader, MotionHeader
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.common.wire.tensorfile import tensor_bytes
 from jouleswarm.common.wire.types import Weights
@@ -21,7 +20,7 @@ from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 from jouleswarm.runs.sizes import weights_bytes
 from jouleswarm.simulation import Outcome, run_in_memory
-from tests.made_up import image
+from tests.made_up import encode_motion, image
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 ROUNDS, T0, MOTIONS = 3, 2, 6
@@ -138,9 +137,9 @@ def test_what_is_learned_from_experience_is_the_same_to_the_bit(codec: str, raw:
 
 
 @pytest.mark.parametrize("codec", ["raw", "resized"])
-def test_experience_moves_the_expected_bytes(codec: ExperienceCodec) -> None:
-    outcome = run_in_memory(small("methods=['maml']", f"meta.experience_codec='{codec}'"))
-    frame = experience_bytes(codec, image(48, 64), Network(width=16, height=12))
+def test_experience_moves_the_expected_bytes(codec: str) -> None:
+    scenario = small("methods=['maml']", f"meta.experience_codec='{codec}'")
+    outcome, frame = run_in_memory(scenario), experience_bytes(experience_codec_of(scenario), image(48, 64))
     assert frame is not None
     shape = {"raw": (48, 64, 4), "resized": (12, 16, 4)}[codec]
     header = MotionHeader(

@@ -8,8 +8,9 @@ import pytest
 
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.sections import Energy
-from jouleswarm.energy.equations import Counts
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.facts import Counts
+from jouleswarm.energy.published import published
 from jouleswarm.studies.breakeven import Costs, MeanCounts, break_even_tasks, costs, gain, gain_map, mean_counts
 from tests.studies.made_up import meta_fact, task_fact
 
@@ -70,18 +71,18 @@ def test_what_goes_down_grows_with_the_tasks_and_what_goes_up_does_not() -> None
 
 
 def test_published_prices_break_even_by_round_numbers() -> None:
-    found = costs(MEAN, Energy(), "published")
+    found = costs(MEAN, Energy(), published)
     assert found is not None
     # 42 x 352.4 / ((25 - 4) x 246.3) = 14800.8 / 5172.3
     assert break_even_tasks(found) == pytest.approx(2.86155, rel=1e-5)
 
 
 def test_published_prices_are_not_made_up_at_other_efficiencies() -> None:
-    assert costs(MEAN, Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3), "published") is None
+    assert costs(MEAN, Energy(ul_bit_per_j=500e3, sl_bit_per_j=200e3), published) is None
 
 
 def test_published_prices_are_not_made_up_for_methods_without_its_rounds() -> None:
-    assert costs(replace(MEAN, method="centralized"), Energy(), "published") is None
+    assert costs(replace(MEAN, method="centralized", links=0), Energy(), published) is None
 
 
 def test_an_arm_without_facts_is_named() -> None:

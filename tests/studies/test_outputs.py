@@ -11,7 +11,11 @@ from matplotlib.container import BarContainer
 
 from jouleswarm.common.errors import ConfigurationError, StudyError
 from jouleswarm.common.scenario.arms import Arm
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.energy.bill import Bill
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import literal
 from jouleswarm.studies.catalogue import KINDS, kind_of
 from jouleswarm.studies.codecs import codecs_figure
 from jouleswarm.studies.engine import FACTS
@@ -23,7 +27,7 @@ from jouleswarm.studies.paper_energy import EnergyRow, optimum
 from jouleswarm.studies.record import RECORD, Record, read_record
 from jouleswarm.studies.run import make_tables, reprice
 from jouleswarm.studies.tables import estimate_text
-from tests.studies.made_up import meta_fact, pair_of_arms, task_fact
+from tests.studies.made_up import SEEDS, meta_fact, pair_of_arms, paper_facts, task_fact
 
 Rows = list[dict[str, str]]
 
@@ -225,6 +229,70 @@ def test_what_cannot_be_priced_again_is_refused_and_nothing_written(
     with pytest.raises(ConfigurationError, match=message):
         reprice(paper_results, changes, tmp_path / out if out else None)
     assert {path.name for path in tmp_path.iterdir()} == {"results"}
+
+
+class Twice:
+    name, label = "twice", "twice the equations"
+
+    def price(self, facts: Facts, energy: Energy) -> Bill:
+        once = literal.price(facts, energy)
+        return once + once
+
+
+OWN = {"prices": ["literal", "published", "tests.studies.test_outputs:Twice", "examples.cellular:Cellular"]}
+
+
+def with_own_lists(scenario: Scenario) -> Scenario:
+    energy = scenario.energy.model_copy(update={"prices": tuple(OWN["prices"])})
+    return scenario.model_copy(update={"energy": energy})
+
+
+def test_own_price_lists_are_in_every_table_and_figure_of_the_paper_study(tmp_path: Path, scenario: Scenario) -> None:
+    record = Record(study="paper", profile="compact", scenario=with_own_lists(scenario), seeds=SEEDS, t0=0)
+    written = {path.name for path in write_outputs(tmp_path, kind_of("paper").outputs(paper_facts(), record))}
+    for name, ratio in (("energy", ("ml_j", "fl_j", "total_j")), ("breakeven", ("meta_j", "plain_task_j"))):
+        (ours,), (its,) = (
+            rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices=prices, t0="210")
+            for prices in ("literal", "twice")
+        )
+        assert [float(its[part]) / float(ours[part]) for part in ratio] == pytest.approx([2] * len(ratio), rel=1e-5)
+        # Messages are not among the facts of a study.
+        (unknown,) = rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices="cellular", t0="210")
+        assert [unknown[part] for part in ratio] == [""] * len(ratio)
+    text = (tmp_path / "energy.md").read_text()
+    assert "### Energy (kJ), E_UL/E_SL = 200/500 kb/J, twice the equations" in text
+    assert "This price list has no bill for these facts" in text
+    assert {"breakeven.svg", "breakeven-twice.svg", "breakeven-cellular.svg"} <= written
+    assert "twice the equations" in (tmp_path / "fig3.svg").read_text()
+    assert "cellular, 0.9 J a message" in (tmp_path / "fig4a.svg").read_text()
+
+
+def test_own_price_lists_are_in_every_table_and_figure_of_a_comparison(tmp_path: Path, scenario: Scenario) -> None:
+    facts = [fact for variant in ("base", "weights=int8") for fact in pair_of_arms(variant, 1, 10, 20)]
+    own, groups = with_own_lists(scenario), {"weights": {"float32": "base", "int8": "weights=int8"}}
+    for name, figure in (("sensitivity", "sensitivity_weights"), ("baselines", "baselines"), ("codecs", "codecs")):
+        record = Record(study=name, profile="compact", scenario=own, seeds=(1,), t0=42, groups=groups)
+        write_outputs(tmp_path, kind_of(name).outputs(facts, record))
+        for line in rows_of(tmp_path / f"{name}.csv"):
+            assert float(line["twice_j"]) == pytest.approx(2 * float(line["total_j"]), rel=1e-5)
+            assert line["cellular_j"] == ""
+        heading = "| E (kJ) | E (kJ), twice the equations | E (kJ), cellular, 0.9 J a message |"
+        assert heading in (tmp_path / f"{name}.md").read_text()
+        assert "twice the equations" in (tmp_path / f"{figure}.svg").read_text()
+
+
+def test_a_study_priced_by_another_list_keeps_its_file(
+    paper_results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from jouleswarm.energy.literal import Literal\nclass Mine(Literal): name = label = 'mine'\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "again"
+    reprice(paper_results, ['energy.prices=["mine:Mine"]'], out)
+    (tmp_path / "mine.py").unlink()
+    make_tables(out)
+    assert {row["prices"] for row in rows_of(out / "energy.csv")} == {"mine"}
 
 
 def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:

@@ -3,9 +3,22 @@
 import pytest
 
 from jouleswarm.common.scenario.arms import Arm
-from jouleswarm.common.scenario.sections import Energy
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import CAUSES, Bill, Cost, parts
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.published import published
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import PAIRS, Causes, causes, failures, moved_bytes, priced, runs_of
+from jouleswarm.studies.prices import (
+    PAIRS,
+    cost_of,
+    facts_of,
+    failures,
+    moved_bytes,
+    priced,
+    runs_of,
+    total_over_runs,
+)
 from tests.studies.made_up import meta_fact, task_fact
 
 ONES = Energy(p0_w=1, t0_batch_s=1, pk_w=1, tk_batch_s=1, pue=1, ul_bit_per_j=8, sl_bit_per_j=8)
@@ -20,38 +33,58 @@ def small_run(seed: int = 1) -> list[Fact]:
     ]
 
 
-def test_literal_prices_tell_stages_and_causes_apart() -> None:
-    found = priced(small_run(), ONES, "literal")
+def test_literal_prices_tell_phases_tasks_and_causes_apart() -> None:
+    found = priced(small_run(), ONES, literal)
     assert found is not None
-    assert found.meta == (7, 56, 63)
-    assert found.tasks == {1: (10, 20, 30), 2: (30, 40, 70)}
-    assert (found.tasks_j, found.total_j) == (100, 163)
+    assert (found.ml.learning_j, found.ml.communication_j, found.ml.total_j) == (7, 56, 63)
+    assert (found.fl.learning_j, found.fl.communication_j, found.total_j) == (40, 60, 163)
+    second = literal.price(facts_of(small_run()).of_task(2), ONES)
+    assert (second.ml.total_j, second.fl.learning_j, second.fl.communication_j) == (0, 30, 40)
 
 
 def test_causes_add_up_to_the_total() -> None:
-    found = causes(small_run(), ONES)
-    assert found == Causes(center_j=7, robots_j=40, uplink_j=50, downlink_j=6, sidelink_j=60)
+    found = cost_of(small_run(), ONES)
+    assert [found.by_cause[cause] for cause in CAUSES] == [7, 40, 50, 6, 60, 0]
     assert found.total_j == 163
 
 
 def test_published_prices_know_rounds_only() -> None:
-    found = priced(small_run(), PAIRS[0].of(Energy()), "published")
+    found = priced(small_run(), PAIRS[0].of(Energy()), published)
     assert found is not None
-    assert found.meta == (None, None, pytest.approx(704.8))  # 2 x 352.4
-    assert found.tasks_j == pytest.approx(12 * 246.3)
+    assert found.ml.total_j == pytest.approx(704.8)  # 2 x 352.4
+    assert found.fl.total_j == pytest.approx(12 * 246.3)
+    assert set(parts(found).values()) == {None, found.ml.total_j, found.fl.total_j, found.total_j}
 
 
 def test_published_prices_are_not_defined_at_the_other_pair() -> None:
-    assert priced(small_run(), PAIRS[1].of(Energy()), "published") is None
+    assert priced(small_run(), PAIRS[1].of(Energy()), published) is None
 
 
-def test_an_arm_without_meta_learning_has_a_stage_that_costs_nothing() -> None:
+def test_published_prices_are_of_pairs_of_neighbours() -> None:
+    here = PAIRS[0].of(Energy())
+    assert priced([fact.model_copy(update={"robots": 3}) for fact in small_run()], here, published) is None
+    assert priced([fact.model_copy(update={"links": 0}) for fact in small_run()], here, published) is None
+
+
+def test_an_arm_without_meta_learning_has_a_phase_that_costs_nothing() -> None:
     plain = Arm("fl", "fl", 0)
-    for prices in ("literal", "published"):
+    for prices in (literal, published):
         found = priced([task_fact(plain, 1, 3)], Energy(), prices)
         assert found is not None
-        assert found.meta.total_j == 0
+        assert found.ml.total_j == 0
         assert found.total_j > 0
+
+
+class ByMessage:
+    name, label = "by_message", "a joule a message"
+
+    def price(self, facts: Facts, energy: Energy) -> Bill:
+        return Bill(fl=Cost(uplink_j=sum(flow.messages for flow in facts.flows)))
+
+
+def test_a_list_that_asks_for_more_than_facts_csv_holds_has_no_bill() -> None:
+    assert priced(small_run(), ONES, ByMessage()) is None
+    assert total_over_runs([small_run(), small_run(2)], ONES, ByMessage()) is None
 
 
 def test_runs_are_told_apart_by_seed_variant_and_arm() -> None:

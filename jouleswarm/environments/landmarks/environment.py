@@ -20,6 +20,7 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.camera import Camera
 from jouleswarm.environments.landmarks.maps import Cell
+from jouleswarm.environments.landmarks.pictures import missing
 from jouleswarm.environments.landmarks.recorded import RecordedCamera
 from jouleswarm.environments.landmarks.settings import (
     ACTION_NAMES,
@@ -61,6 +62,8 @@ def new_camera(scenario: Scenario) -> Frames:
     """The camera that a scenario asks for."""
     world, settings = world_of(scenario), camera_of(scenario)
     if settings.frames is not None:
+        if lacks := next(missing(Path(settings.frames), world.rows, world.cols), None):
+            raise ConfigurationError(lacks)
         return RecordedCamera(settings, Path(settings.frames))
     return Camera(world, settings, shared_obstacles(scenario))
 

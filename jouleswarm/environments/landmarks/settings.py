@@ -22,27 +22,29 @@ RewardSetting = Annotated[float, Field(ge=-1e6, le=1e6)]  # see common.wire.mess
 class World(Section):
     """The landmark grid and how a map becomes a position-reward table."""
 
-    rows: Landmarks = 8
-    cols: Landmarks = 5
+    rows: Landmarks = Field(8, description="of the grid; all maps have as many")
+    cols: Landmarks = Field(5, description="the same")
     cell_m: Metres = Field(1.0, description="distance between landmarks, metres")
-    exit_reward: RewardSetting = 80.0
+    exit_reward: RewardSetting = Field(80.0, description="at the exit, which ends the episode")
     path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
     path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
     off_path_reward: RewardSetting = Field(
         -1.5, description="added for each motion away from the nearest path landmark"
     )
-    obstacle_reward: RewardSetting = -80.0
+    obstacle_reward: RewardSetting = Field(-80.0, description="at an obstacle, which ends nothing")
     max_motions: int = Field(20, ge=1, le=100_000, description="an episode is truncated after this many motions")
 
 
 class Camera(Section):
     """The robots' two cameras: RGB and time of flight (5 m range), one frame = (height, width, 4) uint8."""
 
-    width: CameraPixels = 640
-    height: CameraPixels = 480
-    range_m: Metres = 5.0
-    pose_jitter_m: float = Field(0.03, ge=0, le=1e4)
-    heading_jitter_deg: float = Field(2.0, ge=0, lt=45)
+    width: CameraPixels = Field(640, description="of a frame, pixels")
+    height: CameraPixels = Field(480, description="the same")
+    range_m: Metres = Field(5.0, description="what is further away is as far as this for the time-of-flight camera")
+    pose_jitter_m: float = Field(
+        0.03, ge=0, le=1e4, description="a robot stands within this of its landmark, along each axis, metres"
+    )
+    heading_jitter_deg: float = Field(2.0, ge=0, lt=45, description="and looks within this of straight ahead")
     noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
     frames: str | None = Field(
         None,
@@ -55,7 +57,7 @@ class Camera(Section):
 class Trajectory(Section):
     """A task's own fields: the path to follow, drawn as a text map (see landmarks/maps.py)."""
 
-    map: str
+    map: str = Field(description="one line a row: E entry, * path, X exit, # obstacle, . floor")
     rewards: tuple[RewardSetting, ...] | None = Field(
         None, description="position-reward table, row by row, in place of the one made from the map"
     )

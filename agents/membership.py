@@ -1,0 +1,202 @@
+"""A robot among the others of its run: who it is, where it and they stand, and how it leaves."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from jouleswarm.agents.absence import Absence
+from jouleswarm.common.bus.agreement import Agreement
+from jouleswarm.common.bus.bus import Bus, Message
+from jouleswarm.common.bus.identity import Identity
+from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.bus.reporter import Reporter
+from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.host import Others, arithmetic
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.sections import Bus as BusSettings
+from jouleswarm.common.scenario.sections import Federation
+from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.messages import ModelHeader, Presence, Wait, decode_json
+from jouleswarm.common.wire.types import Weights
+from jouleswarm.methods.graph import Neighbourhood
+
+log = logging.getLogger("jouleswarm.agent")
+
+Arrived = dict[int, tuple[Weights, ModelHeader]]
+
+
+def names(agents: Sequence[int]) -> list[str]:
+    """Plain names of robots on the bus."""
+    return [f"agent-{agent}" for agent in agents]
+
+
+class Membership:
+    """Robot `agent`'s place in the run. One thread."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        run: str,
+        here: Neighbourhood,
+        settings: BusSettings,
+        federation: Federation,
+        rows: Path | None = None,
+    ) -> None:
+        """`rows`: a file that keeps the rows of a robot that was killed."""
+        self._bus, self.run, self.here, self.qos = bus, run, here, settings.qos
+        self._absence = Absence(federation)
+        self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
+        self._datacenter_stage = 0
+        self.arm = ""
+        self._subscriptions: list[str] = []
+        self.awaited_round = 0
+        """Of the open arm, that others are waited for; 0: none."""
+        self._listener = Listener(bus, settings.resend_after_s, Patience(bus, run, federation.give_up_after_s))
+        assert self._listener.patience is not None
+        self._listener.patience.place = lambda client: (self._stage, self.newest_round)
+        self._listener.patience.told = self._take_answer
+        self.until = self._listener.until
+        self.handlers = self._listener.handlers
+        self.handlers["presence"] = self._take_presence
+        processor = arithmetic()
+        self._identity = Identity(self._listener, run, here.task, here.agent, settings.keepalive_s, processor)
+        self._others = Others(processor)
+        self._reporter = Reporter(self._listener, run, rows)
+        self._agreement: Agreement | None = None
+        self.report, self.announce = self._reporter.row, self._identity.announce
+
+    @property
+    def newest_round(self) -> int:
+        """The newest round of the open arm that this robot has said something of."""
+        return 0
+
+    @property
+    def refused(self) -> int:
+        """Messages refused so far."""
+        return self._listener.refused
+
+    def repeated(self, message: Message) -> None:
+        """Book a message that had come before."""
+        self._listener.repeated(message, self.qos)
+
+    def claim(self) -> None:
+        """Be this robot, and the only one.
+
+        Raises:
+            ConfigurationError: another process is it.
+        """
+        self._identity.claim()
+        self._subscriptions += self._identity.filters
+
+    def agree(self, scenario: Scenario) -> None:
+        """Have one scenario with all others of the run.
+
+        Raises:
+            ConfigurationError: the run has another.
+        """
+        self._agreement = Agreement(self._listener, scenario, self.run)
+        self._agreement.settle()
+        self._subscriptions += self._agreement.filters
+
+    def join(self, *, served: bool = False) -> None:
+        """Listen to where the neighbours are, and the data center where it serves an arm; then say hello."""
+        here, run = self.here, self.run
+        self.subscribe(*(topics.presence(run, here.task, each) for each in here.neighbours))
+        if served:
+            self.subscribe(topics.presence(run, 0, 0))
+        self.announce(0)
+
+    def await_datacenter(self, stage: int) -> None:
+        """Wait until the data center serves the arm that `stage` opens."""
+        condition, what = lambda: self._datacenter_stage >= stage, lambda: "the data center to come"
+        self.until(condition, what, whom=lambda: [topics.DATACENTER])
+
+    def await_stage(self, stage: int) -> None:
+        """Wait until every neighbour has come as far as `stage`; serves requests meanwhile.
+
+        Raises:
+            RunError: one is so far ahead that it has been here with this robot.
+        """
+        self._absence.begin()
+
+        def behind() -> list[int]:
+            for each, reached in self._stages.items():
+                self._check_stage(each, reached, stage)
+            return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
+
+        self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
+
+    def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
+        """Send something, at the scenario's QoS unless told otherwise."""
+        self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
+
+    def see_off(self, done: int) -> None:
+        """Where no recorder keeps in mind who is done, wait until the neighbours know that nobody needs them either.
+
+        One that is killed before it knows comes back, and must find this robot.
+        """
+        if not self._reporter.has_recorder:
+            self.announce(done)
+            self.await_stage(done)
+
+    def hand_over(self, done: int, *, stay: bool) -> None:
+        """Hand in rows and byte counters, being at stage `done`; `stay`: until the whole run is recorded."""
+        if self._agreement is not None:
+            self._agreement.leave()
+        word = Presence(agent=self.here.agent, stage=done, state="done")
+        self._reporter.hand_over(self._subscriptions, self._identity.presence, word, stay=stay)
+
+    def leave(self) -> None:
+        """Disconnect."""
+        self._reporter.leave(self._identity.presence)
+
+    def subscribe(self, *filters: str, qos: int = 1) -> None:
+        """Subscribe until the robot leaves."""
+        if filters:
+            self._bus.subscribe(*filters, qos=qos)
+            self._subscriptions += filters
+
+    def _take_presence(self, message: Message) -> None:
+        if not message.payload:
+            return
+        presence = decode_json(message.payload, Presence)
+        if presence.agent != int(message.topic.split("/")[5]):
+            raise PayloadError(f"presence of robot {presence.agent}, expected the topic's")
+        if presence.agent == self.here.agent:
+            self._identity.heard(presence)
+        elif presence.state == "gone":
+            self._absence.gone(presence.agent)
+            name = f"robot {presence.agent}" if presence.agent else "data center"
+            does = "going on without it" if self._absence.is_tolerated else "waiting for it to come back"
+            log.warning("%s is gone; %s", name, does)
+        elif presence.agent == 0:
+            self._others.heard(presence)
+            self._datacenter_stage = max(self._datacenter_stage, presence.stage)
+        elif presence.agent in self._stages:
+            self._others.heard(presence)
+            self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
+            self._absence.here(presence.agent)
+
+    @property
+    def _stage(self) -> int:
+        return self._identity.stage or 0
+
+    def _check_stage(self, agent: int, reached: int, stage: int) -> None:
+        # Nobody gets further than one stage ahead of a neighbour.
+        if reached > stage + 1 and not self._absence.is_tolerated:
+            raise self._left_behind(f"robot {agent}", f"at stage {reached}", f"stage {stage}")
+
+    def _take_answer(self, wait: Wait) -> None:
+        # Nor further than two rounds.
+        far = wait.round > self.awaited_round + 2 and (wait.stage - 1) // 2 == (self._stage - 1) // 2
+        if self.awaited_round and far and not self._absence.is_tolerated:
+            raise self._left_behind(wait.client, f"in round {wait.round} of {self.arm}", f"round {self.awaited_round}")
+
+    def _left_behind(self, who: str, there: str, here: str) -> RunError:
+        return RunError(
+            f"{who} is {there} already, and robot {self.here.agent} comes with {here}: its state is lost or of another "
+            f"time; give it the --state folder that it had in run {self.run}, or start all with an empty one"
+        )

@@ -1,0 +1,162 @@
+"""What is priced: what an arm of a run has computed and moved, by phase, task, robot and link. Counts, never joules."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, replace
+from typing import Literal, NamedTuple, TypeVar
+
+from jouleswarm.common.errors import JouleSwarmError
+from jouleswarm.common.wire.topics import Link
+
+T = TypeVar("T")
+Phase = Literal["ml", "fl"]
+"""ml: learning a model in the data center first, eq. (8). fl: what the tasks took, eq. (10)."""
+
+STAGE = 0
+"""In place of a task: what phase ml did for all tasks together."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What was done: batch gradients computed and bytes moved. Counts of separate phases or tasks add up."""
+
+    gradients_support: float = 0  # in the data center, on B^(a), and all others of first order
+    gradients_query: float = 0  # in the data center, on B^(b)
+    gradients_robots: float = 0
+    uplink_bytes: float = 0  # delivered to the data center
+    downlink_bytes: float = 0  # delivered to robots
+    sidelink_bytes: float = 0  # delivered to neighbours, summed over directed links
+    sidelink_sent_bytes: float = 0  # sent by robots, each message once however many neighbours it has
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+
+@dataclass(frozen=True)
+class StageCounts:
+    """The counts of an arm by phase."""
+
+    ml: Counts = field(default_factory=Counts)
+    fl: Counts = field(default_factory=Counts)
+
+    def __add__(self, other: StageCounts) -> StageCounts:
+        return StageCounts(self.ml + other.ml, self.fl + other.fl)
+
+
+class Flow(NamedTuple):
+    """What one sender's messages of one kind to one receiver came to, as they were delivered."""
+
+    phase: Phase
+    task: int
+    """0: for all tasks."""
+    link: Link
+    """Uplink, downlink or sidelink; it equals these words."""
+    sender: str
+    """`agent-3` or `datacenter`."""
+    receiver: str
+    messages: float
+    """No whole number in an arm that is charged for a part of a shared phase ml; nor are the bytes."""
+    payload_bytes: float
+    packet_bytes: float
+    """With MQTT's own bytes."""
+
+
+class Work(NamedTuple):
+    """What one process has computed for one task."""
+
+    phase: Phase
+    task: int
+    robot: int
+    """0: the data center."""
+    plain: float
+    """Batch gradients of first order, those that were lost to faults too."""
+    exact: float
+    """Gradients through gradients, eq. (5)."""
+    seconds: float
+    """Wall-clock time of its rounds, waiting included."""
+
+
+class UnknownFactError(JouleSwarmError):
+    """A price list asked for what is not known here, say messages of a study's facts: it has no bill then."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What an arm of one run has done. Made once and kept; nothing in it depends on a price."""
+
+    arm: str
+    method: str
+    t0: float
+    """Rounds of phase ml."""
+    parts: Mapping[tuple[Phase, int], Counts]
+    """(phase, task) -> counts; task 0 is what phase ml did for all tasks."""
+    rounds: Mapping[int, float] = field(default_factory=dict)
+    """Task -> t_i."""
+    robots: Mapping[int, int] = field(default_factory=dict)
+    """Task -> robots of its cluster."""
+    links: Mapping[int, int] = field(default_factory=dict)
+    """Task -> directed links between neighbours; 0 for methods without."""
+    training_robots: int | None = None
+    """Robots that send experience up in phase ml; None: not known."""
+    beta: float | None = 1.0
+    """Cost of a gradient through a gradient over one of first order as measured; None: it was not."""
+    metered: bool = True
+    """Whether bytes were counted; else those of `counts` are 0 and stand for nothing."""
+    known_flows: tuple[Flow, ...] | None = None
+    known_work: tuple[Work, ...] | None = None
+
+    @property
+    def counts(self) -> StageCounts:
+        """Sums by phase."""
+        sums: dict[Phase, Counts] = {
+            phase: sum((part for (each, _), part in self.parts.items() if each == phase), Counts())
+            for phase in ("ml", "fl")
+        }
+        return StageCounts(sums["ml"], sums["fl"])
+
+    @property
+    def flows(self) -> tuple[Flow, ...]:
+        """What was delivered, a flow for each phase, task, link, sender and receiver; not control and telemetry.
+
+        Raises:
+            UnknownFactError: only sums are known here.
+        """
+        return _known(self.known_flows, "flows")
+
+    @property
+    def work(self) -> tuple[Work, ...]:
+        """What was computed, by phase, task and process.
+
+        Raises:
+            UnknownFactError: only sums are known here.
+        """
+        return _known(self.known_work, "work")
+
+    def of_ml(self) -> Facts:
+        """Phase ml alone."""
+        return self._only("ml", {})
+
+    def of_task(self, task: int) -> Facts:
+        """Phase fl of one task alone."""
+        return self._only("fl", {task: self.rounds[task]} if task in self.rounds else {}, task)
+
+    def _only(self, phase: Phase, rounds: Mapping[int, float], task: int | None = None) -> Facts:
+        def kept(of_phase: Phase, of_task: int) -> bool:
+            return of_phase == phase and task in (None, of_task)
+
+        flows, work = self.known_flows, self.known_work
+        return replace(
+            self,
+            t0=self.t0 if phase == "ml" else 0,
+            parts={key: part for key, part in self.parts.items() if kept(*key)},
+            rounds=rounds,
+            known_flows=None if flows is None else tuple(flow for flow in flows if kept(flow.phase, flow.task)),
+            known_work=None if work is None else tuple(each for each in work if kept(each.phase, each.task)),
+        )
+
+
+def _known(held: T | None, what: str) -> T:
+    if held is None:
+        raise UnknownFactError(f"{what}: only sums are known of these facts")
+    return held
