@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.messages import (
     MAX_HEADER_BYTES,
     MAX_REWARD,
@@ -89,6 +90,52 @@ def test_a_motion_comes_back_bit_by_bit(
     decoded, got = decode_motion(encode_motion(frame, header), image(2, 3))
     assert np.array_equal(decoded, frame)
     assert got.model_copy(update={"padding": ""}) == header
+
+
+DTYPES = (
+    "bool",
+    "uint8",
+    "int8",
+    "uint16",
+    "int16",
+    "uint32",
+    "int32",
+    "uint64",
+    "int64",
+    "float16",
+    "float32",
+    "float64",
+)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("shape", [(), (4,), (2, 3, 4)])
+def test_an_observation_of_any_dtype_and_shape_comes_back_and_takes_its_own_bytes(
+    dtype: str, shape: tuple[int, ...]
+) -> None:
+    seen = np.random.default_rng(1).integers(0, 2, shape).astype(dtype)
+    payload = encode_motion(seen, MOTION)
+    expected = Observation(shape=shape, dtype=dtype)
+    decoded, _ = decode_motion(payload, expected)
+    assert (decoded.dtype, decoded.shape, decoded.tobytes()) == (seen.dtype, shape, seen.tobytes())
+    assert len(payload) - 8 - struct.unpack_from("<Q", payload)[0] == seen.nbytes == expected.nbytes
+    assert np.array_equal(safetensors.numpy.load(payload)["frame"], seen)
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected", "reason"),
+    [
+        (np.zeros(4, np.float32), Observation(shape=(4,), dtype="int32"), "frame: got"),
+        (np.zeros(4, np.float32), Observation(shape=(5,), dtype="float32"), "bytes"),
+        (np.full(4, np.inf, np.float32), Observation(shape=(4,), dtype="float32"), "not finite, expected float32 [4]"),
+        (np.array(7), Observation(shape=(), dtype="int64", values=7), "an observation of 7, expected Discrete(7)"),
+        (np.array(-1), Observation(shape=(), dtype="int64", values=7), "an observation of -1"),
+    ],
+)
+def test_an_observation_that_cannot_have_been_seen_is_refused(seen: Any, expected: Observation, reason: str) -> None:
+    with pytest.raises(PayloadError) as caught:
+        decode_motion(encode_motion(seen, MOTION), expected)
+    assert reason in str(caught.value)
 
 
 def test_any_bytes_like_payload_is_read() -> None:

@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.disk.statefile import StateFile
+from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.wire.messages import MotionHeader
-from jouleswarm.datacenter.experience import Motion, Walks
+from jouleswarm.datacenter.experience import Motion, Walks, read_motion
 from jouleswarm.learning.replay import Replay
-from tests.made_up import image
+from tests.made_up import encode_motion, image
 
 M = 3  # motions a round
 Transitions = set[tuple[int, int | None]]
@@ -102,3 +105,15 @@ def test_what_is_held_comes_back_with_the_state(agents: tuple[int, ...], tmp_pat
         again.remember(walk(agent, 2))
     assert transitions(theirs) == transitions(ours)
     assert len(ours) == 5 * len(agents)
+
+
+@pytest.mark.parametrize(("action", "refused"), [(1, False), (2, True)])
+def test_a_motion_of_an_action_that_is_none_is_refused(action: int, refused: bool) -> None:
+    data = {"name": "t", "methods": ["fl"], "environment": "tests.worlds:Line", "tasks": [{"id": 1}]}
+    header = MotionHeader(task=1, agent=1, round=1, motion=0, action=action, reward=0, first=True, terminated=False)
+    payload, scenario = encode_motion(np.zeros(3, np.float32), header), scenario_from(data, "test")
+    if refused:
+        with pytest.raises(PayloadError, match="robot 1: action 2, expected 0 to 1"):
+            read_motion(payload, scenario, experience_codec_of(scenario))
+    else:
+        assert read_motion(payload, scenario, experience_codec_of(scenario)).payload_bytes == len(payload)

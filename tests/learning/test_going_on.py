@@ -18,6 +18,7 @@ from jouleswarm.common.disk.state import State, Stateful
 from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.scenario.sections import Learning, Network
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import encode_model
 from jouleswarm.learning.learner import Learner, Policy
@@ -113,6 +114,33 @@ def test_a_replay_memory_goes_on_from_its_state_and_its_frames_in_a_file(tmp_pat
     batch = theirs.sample(100, np.random.default_rng(1))
     assert set(zip(batch.frames[:, 0, 0, 0].tolist(), batch.rewards.tolist(), strict=True)) == {(30, 30.0), (40, 40.0)}
     assert set(batch.next_frames[:, 0, 0, 0].tolist()) == {40, 50}
+
+
+@pytest.mark.parametrize(
+    "keeps",
+    [
+        Observation(shape=(), dtype="int64", values=100),
+        Observation(shape=(3,), dtype="float64"),
+        Observation(shape=(2, 2), dtype="bool"),
+        Observation(shape=(2, 1, 3), dtype="uint8"),
+    ],
+    ids=str,
+)
+def test_a_memory_of_anything_goes_on_from_its_file_with_its_checksums(keeps: Observation, tmp_path: Path) -> None:
+    ours = Replay(3, keeps, tmp_path / "frames.bin", 2)
+    for value in (10, 20, 30, 40):
+        ours.observe(np.full(keeps.shape, value, keeps.dtype), first=False)
+        ours.act(0, float(value), terminated=False)
+    file = StateFile(tmp_path / "s", "o")
+    file.save(ours.state())
+    state, theirs = file.load(), Replay(3, keeps, tmp_path / "frames.bin", 2)
+    assert state is not None
+    theirs.load_state(state)
+    drawn = [each.sample(40, np.random.default_rng(1)) for each in (ours, theirs)]
+    assert drawn[0].frames.dtype == keeps.dtype
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(*drawn, strict=True))
+    expected = [np.full(keeps.shape, value, keeps.dtype).tolist() for value in drawn[1].rewards.astype(int)]
+    assert drawn[1].frames.tolist() == expected
 
 
 class Killed(BaseException):
