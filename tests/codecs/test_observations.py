@@ -53,11 +53,11 @@ def test_the_learner_gets_the_same_pixels_whatever_the_codec(seed: int) -> None:
 def test_png_holds_pictures_of_one_three_and_four_channels(channels: int) -> None:
     shown, kept = image(12, 16, channels), image(6, 8, channels)
     frame = np.random.default_rng(1).integers(0, 256, shown.shape, dtype=np.uint8)
-    got, _ = decode_experience(encode_experience(frame, HEADER, "png", kept), "png", shown, kept)
+    got, _ = decode_experience(encoded(frame, PNG), PNG, shown, kept)
     assert np.array_equal(got, resize(frame, 8, 6))
     assert got.shape == kept.shape
     with pytest.raises(PayloadError, match="PNG begins"):
-        decode_experience(encode_experience(frame, HEADER, "png", kept), "png", image(12, 16, 4 - channels % 4), kept)
+        decode_experience(encoded(frame, PNG), PNG, image(12, 16, 4 - channels % 4), kept)
 
 
 @pytest.mark.parametrize("depth", [0, 128, 255])  # as transparency it would hide the colours
