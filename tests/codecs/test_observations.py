@@ -57,7 +57,7 @@ def test_png_holds_pictures_of_one_three_and_four_channels(channels: int) -> Non
     assert np.array_equal(got, resize(frame, 8, 6))
     assert got.shape == kept.shape
     with pytest.raises(PayloadError, match="PNG begins"):
-        decode_experience(encoded(frame, PNG), PNG, image(12, 16, 4 - channels % 4), kept)
+        decode_experience(encoded(frame, PNG), PNG, image(12, 16, {1: 3, 3: 4, 4: 1}[channels]), kept)
 
 
 @pytest.mark.parametrize("depth", [0, 128, 255])  # as transparency it would hide the colours
