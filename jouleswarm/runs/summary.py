@@ -50,6 +50,7 @@ def summarise(
     """
     wanted = list(scenario.clusters if tasks is None else tasks)
     lost, balance = lost_work(scenario, rows, work_rows), conservation(meter_rows)
+    own = own_lists(price_lists(scenario))
     return {
         "seed": scenario.seed,
         "t0": max((meta_rounds(rows, arm) for arm in scenario.arm_names), default=0),
@@ -57,7 +58,7 @@ def summarise(
         "metered_by": metered_by(meter_rows),
         "counters": source,
         "counters_fit": None if balance is None else not balance.broken,
-        "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted) for arm in scenario.arms},
+        "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted, own) for arm in scenario.arms},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
     }
 
@@ -104,8 +105,10 @@ def _arm_summary(
     lost: Sequence[WorkRow],
     arm: Arm,
     tasks: list[int],
+    own: Sequence[PriceList],
 ) -> dict[str, Any]:
-    done, kept = (arm_facts(scenario, rows, meter_rows, arm.name, lost=each) for each in (lost, ()))
+    done = arm_facts(scenario, rows, meter_rows, arm.name, lost=lost)
+    kept = arm_facts(scenario, rows, meter_rows, arm.name) if lost else done
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
     cost = bill(done.counts, energy).both
     return {
@@ -118,7 +121,7 @@ def _arm_summary(
             "published": bill_parts(published.price(done, energy), is_whole(published, done)),
             "by_cause": _by_cause(cost, metered),
             "by_site": site_parts(cost, metered),
-            **{each.name: _own_bill(each, done, energy) for each in own_lists(price_lists(scenario))},
+            **{each.name: _own_bill(each, done, energy) for each in own},
         },
         "carbon_g": carbon_parts(cost, scenario.energy, metered),
         **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),

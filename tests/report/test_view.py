@@ -9,11 +9,15 @@ from rich.console import Console
 
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.reporter import Telemetry
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import encode_json
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.energy.bill import Bill, Cost
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import literal
 from jouleswarm.fleet.recorder import Recorder
 from jouleswarm.report import view as module
 from jouleswarm.report.view import View
@@ -188,3 +192,34 @@ def test_sidelinks_via_the_base_station_are_priced_at_the_end(scenario: Scenario
     energy = scenario.energy.model_copy(update={"sidelink": "via_base_station"})
     view = View(Console(file=io.StringIO()), scenario.model_copy(update={"energy": energy}), recorder)
     assert line_with(shown(view), "sidelink") == ["sidelink", "1.5", "at", "the", "end"]
+
+
+class Twice:
+    name, label = "twice", "twice"
+
+    def price(self, facts: Facts, energy: Energy) -> Bill:
+        once = literal.price(facts, energy)
+        return once + once
+
+
+class Fails:
+    name, label = "fails", "of rounds"
+
+    def price(self, facts: Facts, energy: Energy) -> Bill:
+        return Bill(fl=Cost(uplink_j=1 / len(facts.rounds)))
+
+
+def test_a_list_of_the_users_own_has_its_joules_so_far_where_bytes_tell_them(
+    scenario: Scenario, recorder: Recorder
+) -> None:
+    here = "tests.report.test_view"
+    prices = ("literal", "published", f"{here}:Twice", "examples.cellular:Cellular", f"{here}:Fails")
+    energy = scenario.energy.model_copy(update={"prices": prices})
+    view = View(Console(file=io.StringIO()), scenario.model_copy(update={"energy": energy}), recorder)
+    text = shown(view, 200)
+    heads = ["J so far", "J so far, twice", "J so far, cellular, 0.9 J a message", "J so far, of rounds"]
+    (head,) = (line for line in text.splitlines() if "received over" in line)
+    assert [each for each in heads if each not in head] == []
+    # 3 MB x 8 / 200 kb/J; a view knows neither messages nor rounds
+    at_the_end = ["at", "the", "end"]
+    assert line_with(text, "uplink") == ["uplink", "3.0", "120", "240", *at_the_end, *at_the_end]
