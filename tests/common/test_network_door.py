@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 import jouleswarm
+from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
@@ -153,7 +154,5 @@ def test_images_that_the_convolutions_leave_nothing_of_are_told() -> None:
 def test_a_codec_for_images_is_refused_for_anything_else() -> None:
     settings = scenario("tests.worlds:Line")
     settings = settings.model_copy(update={"meta": settings.meta.model_copy(update={"experience_codec": "png"})})
-    with pytest.raises(
-        ConfigurationError, match=r"experience_codec \"png\" is for images, the environment shows float"
-    ):
-        build_qnetwork(settings)
+    with pytest.raises(ConfigurationError, match=r"for images of 1, 3, 4 channels, the environment shows float"):
+        experience_codec_of(settings)

@@ -8,12 +8,16 @@ import gymnasium
 import numpy as np
 import pytest
 
+from jouleswarm.codecs.observations import experience_bytes
+from jouleswarm.codecs.png import Png
+from jouleswarm.codecs.raw import Raw
+from jouleswarm.codecs.resized import Resized
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.environments import spaces_of
 from jouleswarm.common.scenario.reading import scenario_from, with_overrides
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Network
-from jouleswarm.common.scenario.spaces import Interface, Observation, Spaces, experience_bytes, shipped_tensors
+from jouleswarm.common.scenario.spaces import Interface, Observation, Spaces, shipped_tensors
 from tests.worlds import Maze
 
 VECTOR = Observation(shape=(4,), dtype="float32")
@@ -44,9 +48,9 @@ def test_pictures_are_as_they_are_where_no_size_is_asked_for() -> None:
 
 
 def test_bytes_on_the_uplink() -> None:
-    codecs = ("raw", "png", "resized")
-    assert [experience_bytes(codec, PICTURE, SMALL) for codec in codecs] == [9216, None, 16 * 12 * 3]
-    assert experience_bytes("raw", NUMBER, SMALL) == 8
+    codecs = (Raw("uint8"), Png(), Resized(PICTURE.kept(SMALL)))
+    assert [experience_bytes(codec, PICTURE) for codec in codecs] == [9216, None, 16 * 12 * 3]
+    assert experience_bytes(Raw("int64"), NUMBER) == 8
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
-from jouleswarm.datacenter.center import _forget
+from jouleswarm.datacenter.checkpoint import forget
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Service, Turn
 from jouleswarm.datacenter.services import ExperienceService, WeightsService
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
@@ -141,6 +141,6 @@ def test_what_a_data_center_kept_is_gone_with_its_folder_and_nothing_of_others(t
             (tmp_path / folder / name).touch()
     (tmp_path / "shared" / "somebody-elses").touch()
     for folder in ("alone", "shared"):
-        _forget(tmp_path / folder, [])
+        forget(tmp_path / folder, [])
     assert [path.name for path in tmp_path.iterdir()] == ["shared"]
     assert [path.name for path in (tmp_path / "shared").iterdir()] == ["somebody-elses"]

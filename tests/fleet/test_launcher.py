@@ -70,7 +70,7 @@ def test_a_broker_that_died_is_noticed(tmp_path: Path) -> None:
 
 def test_a_process_that_ended_with_an_error_is_noticed_with_its_last_words(tmp_path: Path) -> None:
     with Launcher(tmp_path / "logs", restarts=5) as launcher:  # an exit code is no signal: not started again
-        launcher.start("agent-9", "agents", ["--id", "9", "--scenario", TOY])
+        launcher.start("agent-9", "jouleswarm.agents", ["--id", "9", "--scenario", TOY])
         assert ended(launcher.pids["agent-9"])
         # The kernel forgets the process a moment before its exit code has come from the fork server.
         with pytest.raises(RunError, match=r"agent-9 ended with code 2: robot 9: robot 9 is not in the scenario"):
@@ -143,7 +143,7 @@ def test_a_robot_that_was_killed_is_started_again_as_often_as_is_allowed(tmp_pat
     told: list[str] = []
     options = ["--scenario", TOY, "--broker", "mqtt://127.0.0.1:1", "--set", "bus.connect_timeout_s=600"]
     with Launcher(tmp_path / "logs", restarts=2, told=told.append) as launcher:
-        launcher.start("agent-1", "agents", ["--id", "1", *options])
+        launcher.start("agent-1", "jouleswarm.agents", ["--id", "1", *options])
         for _ in range(2):
             check_until_another_runs(launcher, "agent-1", kill(launcher, "agent-1"))
         os.kill(launcher.pids["agent-1"], signal.SIGKILL)
@@ -156,7 +156,7 @@ def test_a_robot_or_broker_that_is_told_to_end_from_outside_is_started_again(tmp
     told: list[str] = []
     with Launcher(tmp_path / "logs", restarts=1, told=told.append) as launcher:
         url = launcher.start_broker(["--no-metrics"])["url"]
-        launcher.start("agent-1", "agents", ["--id", "1", "--scenario", TOY, "--broker", url])
+        launcher.start("agent-1", "jouleswarm.agents", ["--id", "1", "--scenario", TOY, "--broker", url])
         bus = MqttBus.connect(url, "onlooker", connect_timeout_s=DEADLINE_S)
         bus.subscribe(topics.presence("toy", 1, 1))
         assert bus.receive(DEADLINE_S) is not None  # it has its way of ending by a signal by now
@@ -186,8 +186,8 @@ def test_processes_are_ended_when_the_launcher_is_left_by_an_error(tmp_path: Pat
     # A robot that waits for a broker that is not there.
     options = ["--scenario", TOY, "--broker", "mqtt://127.0.0.1:1", "--set", "bus.connect_timeout_s=600"]
     with contextlib.suppress(ZeroDivisionError), Launcher(tmp_path / "logs") as launcher:
-        launcher.start("agent-1", "agents", ["--id", "1", *options])
-        launcher.start("datacenter", "datacenter", options)
+        launcher.start("agent-1", "jouleswarm.agents", ["--id", "1", *options])
+        launcher.start("datacenter", "jouleswarm.datacenter", options)
         launcher.start_broker(["--no-metrics"])
         pids = launcher.pids
         launcher.check()
@@ -207,7 +207,7 @@ def server_of(launcher: Launcher) -> int:
 def test_a_fork_server_that_was_killed_is_started_again_with_its_processes(tmp_path: Path) -> None:
     told: list[str] = []
     with Launcher(tmp_path / "logs", restarts=1, told=told.append) as launcher:
-        launcher.start("agent-1", "agents", WAITING)
+        launcher.start("agent-1", "jouleswarm.agents", WAITING)
         before = launcher.pids["agent-1"]
         os.kill(server_of(launcher), signal.SIGKILL)
         check_until_another_runs(launcher, "agent-1", before)
@@ -221,7 +221,7 @@ def test_a_fork_server_that_was_killed_is_started_again_with_its_processes(tmp_p
 
 def test_a_process_that_ends_at_once_is_not_missed(tmp_path: Path) -> None:
     with Launcher(tmp_path / "logs") as launcher:
-        launcher.start("agent-1", "agents", ["--help"])
+        launcher.start("agent-1", "jouleswarm.agents", ["--help"])
         child = launcher._children["agent-1"]
         child.join(DEADLINE_S)
         assert child.exitcode == 0
@@ -243,7 +243,7 @@ from jouleswarm.fleet.launcher import Launcher
 
 with Launcher(Path(sys.argv[1])) as launcher:
     launcher.start_broker(["--no-metrics"])
-    launcher.start("agent-1", "agents", json.loads(sys.argv[2]))
+    launcher.start("agent-1", "jouleswarm.agents", json.loads(sys.argv[2]))
     print(json.dumps([*launcher.pids.values(), launcher._server._process.pid]), flush=True)
     sys.stdin.read()
 """

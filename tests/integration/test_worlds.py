@@ -133,7 +133,7 @@ def corridor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_keeps_what_came_in_by_the_doors_and_all_sizes(corridor: Path) -> None:
     manifest = json.loads((corridor / "manifest.json").read_text())
     assert sorted(path.name for path in (corridor / "doors").iterdir()) == ["corridor.py", "wide_network.py"]
-    assert sorted(manifest["doors"]) == ["corridor", "wide_network"]
+    assert sorted(manifest["doors"]) == ["corridor.py", "wide_network.py"]
     assert manifest["interface"]["tensors"] == [
         ["1.weight", [16, 7]], ["1.bias", [16]], ["3.weight", [2, 16]], ["3.bias", [2]],
     ]  # fmt: skip
@@ -160,10 +160,10 @@ def test_a_report_needs_neither_the_environment_nor_the_network(corridor: Path, 
     copy = tmp_path / "copy"
     shutil.copytree(corridor, copy)
     manifest = json.loads((copy / "manifest.json").read_text())
-    for module in ("corridor", "wide_network"):
-        file = copy / "doors" / f"{module}.py"
+    for name in ("corridor.py", "wide_network.py"):
+        file = copy / "doors" / name
         file.write_text("import nothing_of_this_name\n")
-        manifest["doors"][module] = hashlib.sha256(file.read_bytes()).hexdigest()
+        manifest["doors"][name] = hashlib.sha256(file.read_bytes()).hexdigest()
     (copy / "manifest.json").write_text(json.dumps(manifest))
     printed = [jouleswarm("report", str(path)).stdout.replace(str(path), "") for path in (corridor, copy)]
     assert "scenario" in printed[0]
