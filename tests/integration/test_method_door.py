@@ -19,7 +19,7 @@ def test_the_median_runs_over_a_graph_of_one_s_own_from_start_to_bill(
     start: Any, read_run: Any, small: Any, tmp_path: Path
 ) -> None:
     options = ("--out", str(tmp_path), "--run-id", "median", "--no-figures")
-    started = start.jouleswarm("run", str(EXAMPLES / "median.toml"), *options, *sets(*small[1:]))
+    started = start.jouleswarm("run", str(EXAMPLES / "median.toml"), *options, *sets(*small))
     assert started.ends() == 0, started.printed
     run = read_run(tmp_path / "median")
     for name in ("median.py", "edges.csv"):
@@ -40,7 +40,7 @@ def test_fedprox_runs_with_neighbours_and_by_the_data_center(
     start: Any, read_run: Any, small: Any, tmp_path: Path
 ) -> None:
     options = ("--out", str(tmp_path), "--run-id", "fedprox", "--no-figures")
-    started = start.jouleswarm("run", str(EXAMPLES / "fedprox.toml"), *options, *sets(*small[1:]))
+    started = start.jouleswarm("run", str(EXAMPLES / "fedprox.toml"), *options, *sets(*small))
     assert started.ends() == 0, started.printed
     arms = read_run(tmp_path / "fedprox").summary["arms"]
     links = {

@@ -21,7 +21,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.models import decode_model
 from jouleswarm.datacenter.center import run_datacenter
-from jouleswarm.energy.bill import Counts
+from jouleswarm.energy.facts import Counts
 from jouleswarm.learning.networks import build_qnetwork, shapes_of
 from jouleswarm.methods.method import Method, Update
 from jouleswarm.runs.lost_work import lost_work
