@@ -28,6 +28,12 @@ BatchSeconds = Annotated[float, Field(ge=1e-9, le=1e6)]
 Efficiency = Annotated[float, Field(ge=1e-6, le=1e15)]  # bit/J
 Pue = Annotated[float, Field(ge=1, le=1e3)]
 BetaFactor = Annotated[float, Field(ge=1, le=1e6)]
+BitRate = Annotated[float, Field(ge=1e-3, le=1e15)]  # bit/s
+Joules = Annotated[float, Field(ge=0, le=1e12)]
+Duration = Annotated[float, Field(ge=0, le=1e6)]  # seconds that may be none
+IdleWatts = Annotated[float, Field(ge=0, le=1e9)]
+Loss = Annotated[float, Field(ge=0, le=0.999)]  # share of what is sent that does not arrive
+Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 CarbonIntensity = Annotated[float, Field(ge=0, le=1e6)]  # gCO2e a kWh
 
 TOPOLOGIES = ("full", "ring", "random")

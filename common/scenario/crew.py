@@ -8,13 +8,16 @@ from pydantic import Field
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.problem import Problem
-from jouleswarm.common.scenario.sections import Federation, Learning, Meta, Robot
+from jouleswarm.common.scenario.robots import Robot
+from jouleswarm.common.scenario.sections import Federation, Learning, Meta
 
 
 class Crew(Problem):
     """A problem and the robots that learn its tasks."""
 
-    robots: tuple[Robot, ...] = Field((), max_length=1000, description="[[robots]]: those with a round of their own")
+    robots: tuple[Robot, ...] = Field(
+        (), max_length=1000, description="[[robots]]: those with a round or constants of their own"
+    )
     learning: Learning = Learning()
     federation: Federation = Federation()
     meta: Meta = Meta()

@@ -3,41 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
-from jouleswarm.common.doors import DOORS, SHIPPED, Kind, digest, enter, file_of
+from jouleswarm.common.doors import SHIPPED
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import AnyMethod, Arm, arms_of
-from jouleswarm.common.scenario.crew import Crew
-from jouleswarm.common.scenario.edges import Edges, read_edges
-from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.common.scenario.sections import Bus
+from jouleswarm.common.scenario.arms import Arm, arms_of
+from jouleswarm.common.scenario.furnished import Furnished
+from jouleswarm.common.scenario.robots import OwnConstants
 
-CHANGES_NOTHING: dict[str, bool | set[str]] = {
+CHANGES_NOTHING: dict[str, Any] = {
     "name": True,
     "energy": True,
     "bus": True,
+    "robots": {"__all__": {*OwnConstants.model_fields, "kind", "position_m"}},
     "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
 """Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for
 how long."""
 
 
-class Scenario(Crew):
+class Scenario(Furnished):
     """A whole experiment. Build one with `load_scenario`."""
-
-    seed: int = Field(1, ge=0, le=2**63 - 1, description="of everything that is drawn: same seed, same bits")
-    methods: tuple[str, ...] = Field(
-        ("maml", "fl"), description="ways to learn, one after the other: words of docs/methods.md, or module:Class"
-    )
-    energy: Energy = Energy()
-    bus: Bus = Bus()
-    _prices_folder: Path | None = PrivateAttr(None)
 
     @field_validator("methods")
     @classmethod
@@ -58,6 +47,7 @@ class Scenario(Crew):
         try:
             self._check_methods()
             _ = self.edges
+            self._equip()
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
         if self.learning.init is not None and not (path := self.beside(self.learning.init)).is_file():
@@ -120,100 +110,11 @@ class Scenario(Crew):
             )
 
     @property
-    def folder(self) -> Path | None:
-        """Where the files are that the scenario names; None where it names none."""
-        return self._folder
-
-    @property
-    def named(self) -> tuple[tuple[Kind, str], ...]:
-        """What comes in by doors."""
-        build = self.network.build
-        return (
-            ("environments", self.environment),
-            *((("networks", build),) if build is not None else ()),
-            *(("methods", name) for name in self.methods),
-            ("codecs", self.federation.codec),
-            ("codecs", self.meta.experience_codec),
-            *(("prices", name) for name in self.energy.prices),
-        )
-
-    @property
-    def files(self) -> dict[str, Path]:
-        """Files of the user's own, by their names: what comes in by doors, and what else the scenario names."""
-        return self._files(self.named)
-
-    def _files(self, named: Iterable[tuple[Kind, str]]) -> dict[str, Path]:
-        found = (file_of(name, self._folder_of(kind, name)) for kind, name in named)
-        paths = [*(path for path in found if path is not None), *map(self.beside, self.named_files)]
-        return {path.name: path for path in paths}
-
-    @property
-    def named_files(self) -> tuple[str, ...]:
-        """Files that are no doors: a list of edges, a model to begin from."""
-        edges = (self.federation.topology,) if self.federation.has_own_edges else ()
-        return edges if self.learning.init is None else (*edges, self.learning.init)
-
-    def beside(self, name: str) -> Path:
-        """A file that the scenario names, as seen from its own; of a run the file that was kept with it."""
-        folder = self._folder or Path()
-        given, kept = folder / name, folder / Path(name).name
-        return kept if kept.is_file() and (folder.name == DOORS or not given.is_file()) else given
-
-    @cached_property
-    def edges(self) -> Edges | None:
-        """The user's own graph of sidelinks, by task; None where it is drawn by a rule."""
-        if not self.federation.has_own_edges:
-            return None
-        return read_edges(self.beside(self.federation.topology), self.clusters)
-
-    @property
-    def digests(self) -> dict[str, str]:
-        """SHA-256 of `files`."""
-        return {name: digest(path) for name, path in sorted(self.files.items())}
-
-    @property
-    def learned_by(self) -> dict[str, str]:
-        """Those of `digests` that what is learned depends on: all but price lists."""
-        files = self._files((kind, name) for kind, name in self.named if kind != "prices")
-        return {name: found for name, found in self.digests.items() if name in files}
-
-    @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
         settings = self.model_dump_json(exclude=CHANGES_NOTHING)
         beside = getattr(self.factory, "digest", lambda scenario: "")(self)
         return settings + (json.dumps(digests) if (digests := self.learned_by) else "") + beside
-
-    def open(self, kind: Kind, name: str) -> Any:
-        """What goes by a name of the scenario's (see `common.doors.enter`), the same however its file changes."""
-        if (kind, name) not in self.opened:
-            self.opened[kind, name] = enter(kind, name, self._folder_of(kind, name))
-        return self.opened[kind, name]
-
-    def at(self, energy: Energy, prices_folder: Path | None) -> Self:
-        """The same at other prices; price lists are looked for in `prices_folder` first, if there is one."""
-        other = self.model_copy(update={"energy": energy})
-        other._prices_folder = prices_folder
-        vars(other)["opened"] = {key: found for key, found in self.opened.items() if key[0] != "prices"}
-        return other
-
-    @cached_property
-    def opened(self) -> dict[tuple[Kind, str], Any]:
-        """What has been opened so far."""
-        return {}
-
-    def _folder_of(self, kind: Kind, name: str) -> Path | None:
-        """The folder in which a name's file is looked for."""
-        first = self._prices_folder if kind == "prices" else None
-        return self._folder if file_of(name, first) is None else first
-
-    @cached_property
-    def _kinds(self) -> tuple[type[AnyMethod], ...]:
-        return tuple(self.open("methods", name) for name in self.methods)
-
-    def method(self, name: str) -> Any:
-        """A new object of one of the scenario's methods, or of one that ships here, by its own name."""
-        return (next((kind for kind in self._kinds if kind.name == name), None) or self.open("methods", name))()
 
     @property
     def method_names(self) -> tuple[str, ...]:

@@ -61,14 +61,6 @@ class Task(Section):  # type: ignore[no-redef]  # of its __init__, which takes a
     kwargs: dict[str, Any] = Field({}, description="arguments of the environment's factory")
 
 
-class Robot(Section):
-    """What one robot has of its own, by its number: robots are numbered from 1 in the order of the tasks."""
-
-    id: Id = Field(description="its number: robots are numbered from 1 in the order of the tasks")
-    motions_per_round: Motions | None = Field(None, description="|E_ik|; default its task's")
-    batches_per_round: Batches | None = Field(None, description="B_ik; default its task's")
-
-
 class Network(Section):
     """The Q-network: by default that of Mnih et al. (2015) for images, dense layers alone for all else."""
 

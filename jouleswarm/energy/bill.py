@@ -28,9 +28,14 @@ CAUSES = (
     Cause("uplink", "uplink", "uplink_j", "uplink"),
     Cause("downlink", "downlink", "downlink_j", "downlink"),
     Cause("sidelink", "sidelinks", "sidelink_j", "sidelink"),
+    Cause("acting", "acting", "acting_j", "acting"),
+    Cause("evaluating", "evaluating", "evaluating_j", "evaluating"),
+    Cause("waiting", "waiting", "waiting_j", "waiting"),
     Cause("other", "other", "other_j", "other"),
 )
-"""The last is what none of the others is; tables have it only where a price list has joules of it."""
+PAPER_CAUSES = CAUSES[:5]
+"""What the paper's model knows. The last cause is what none of the others is; tables have those that the paper does not
+know only where there are joules of them."""
 SITES = {"datacenter": "data center", "robots": "robots"}
 PARTS = {
     "ml_learning": "meta-learning: computing",
@@ -51,8 +56,13 @@ class Cost:
     computing_robots_j: float = 0.0
     uplink_j: float = 0.0  # paid by robots
     downlink_j: float = 0.0  # paid by the data center
+    downlink_robots_j: float = 0.0  # by robots that pass it on
     sidelink_robots_j: float = 0.0  # direct sidelinks, or the way up to the base station
     sidelink_datacenter_j: float = 0.0  # the way down from the base station, gamma included; 0 for direct sidelinks
+    acting_robots_j: float = 0.0  # motions to learn from
+    evaluating_robots_j: float = 0.0  # motions and forward passes of greedy episodes
+    waiting_robots_j: float = 0.0
+    waiting_datacenter_j: float = 0.0
     other_datacenter_j: float = 0.0
     other_robots_j: float = 0.0
     untold_j: float = 0.0  # the list says neither what for nor who pays
@@ -71,6 +81,16 @@ class Cost:
         return self.other_datacenter_j + self.other_robots_j
 
     @property
+    def waiting_j(self) -> float:
+        """Waiting at both sites."""
+        return self.waiting_robots_j + self.waiting_datacenter_j
+
+    @property
+    def unknown_to_paper_j(self) -> float:
+        """What the paper's model leaves out."""
+        return self.acting_robots_j + self.evaluating_robots_j + self.waiting_j + self.other_j
+
+    @property
     def learning_j(self) -> float:
         """Computing at both sites."""
         return self.computing_datacenter_j + self.computing_robots_j
@@ -78,29 +98,33 @@ class Cost:
     @property
     def communication_j(self) -> float:
         """All links."""
-        return self.uplink_j + self.downlink_j + self.sidelink_j
+        return self.uplink_j + self.downlink_j + self.sidelink_j + self.downlink_robots_j
 
     @property
     def robots_j(self) -> float:
         """Paid by the robots: their computing, what they send, and what else is theirs."""
-        return self.computing_robots_j + self.uplink_j + self.sidelink_robots_j + self.other_robots_j
+        paper = self.computing_robots_j + self.uplink_j + self.sidelink_robots_j
+        body = self.acting_robots_j + self.evaluating_robots_j + self.waiting_robots_j
+        return paper + body + self.downlink_robots_j + self.other_robots_j
 
     @property
     def datacenter_j(self) -> float:
         """Paid by the data center and its base station: its computing, what is sent down, and what else is theirs."""
-        return self.computing_datacenter_j + self.downlink_j + self.sidelink_datacenter_j + self.other_datacenter_j
+        paper = self.computing_datacenter_j + self.downlink_j + self.sidelink_datacenter_j
+        return paper + self.waiting_datacenter_j + self.other_datacenter_j
 
     @property
     def total_j(self) -> float:
         """Everything."""
-        return self.learning_j + self.communication_j + self.other_j + self.untold_j
+        return self.learning_j + self.communication_j + self.unknown_to_paper_j + self.untold_j
 
     @property
     def by_cause(self) -> dict[Cause, float]:
         """Joules of each cause; with what is not told they are the total."""
         computing = self.computing_datacenter_j, self.computing_robots_j
-        links = self.uplink_j, self.downlink_j, self.sidelink_j
-        return dict(zip(CAUSES, (*computing, *links, self.other_j), strict=True))
+        links = self.uplink_j, self.downlink_j + self.downlink_robots_j, self.sidelink_j
+        more = self.acting_robots_j, self.evaluating_robots_j, self.waiting_j, self.other_j
+        return dict(zip(CAUSES, (*computing, *links, *more), strict=True))
 
     @property
     def by_site(self) -> dict[str, float]:
@@ -187,20 +211,29 @@ def parts(bill: Bill | None, metered: bool = True) -> dict[str, Joules]:
     return found | {"total": bill.total_j if metered else None}
 
 
-COMPUTING = ("computing_datacenter_j", "computing_robots_j")
+_OF_BYTES = *CAUSES[2:5], CAUSES[-1]
+COMPUTING = (
+    "computing_datacenter_j",
+    "computing_robots_j",
+    "acting_robots_j",
+    "evaluating_robots_j",
+    "waiting_robots_j",
+    "waiting_datacenter_j",
+)
 """What is known of a cost where no bytes were metered."""
 
 
 def causes_of(costs: Iterable[Cost | None]) -> tuple[Cause, ...]:
     """The causes that a table of these costs has."""
-    return CAUSES if any(cost.other_j for cost in costs if cost) else CAUSES[:-1]
+    spent = [cost.by_cause for cost in costs if cost]
+    return tuple(cause for cause in CAUSES if cause in PAPER_CAUSES or any(each[cause] for each in spent))
 
 
 def cause_parts(cost: Cost | None, metered: bool = True) -> dict[Cause, Joules]:
     """A cost by cause; traffic is None where no bytes were metered, everything where the list does not tell."""
     if cost is None or cost.untold_j:
         return dict.fromkeys(CAUSES)
-    return {cause: joules if metered or cause in CAUSES[:2] else None for cause, joules in cost.by_cause.items()}
+    return {cause: joules if metered or cause not in _OF_BYTES else None for cause, joules in cost.by_cause.items()}
 
 
 def site_parts(cost: Cost | None, metered: bool = True) -> dict[str, Joules]:

@@ -75,6 +75,12 @@ class Work(NamedTuple):
     """Gradients through gradients, eq. (5)."""
     seconds: float
     """Wall-clock time of its rounds, waiting included."""
+    rounds: float = 0
+    """Rounds that it did, round 0 left out."""
+    motions: float = 0
+    """Of a robot, to learn from; those that were lost to faults too."""
+    evaluation_motions: float = 0
+    """Of its greedy episodes, a forward pass each; 0 in runs that did not count them."""
 
 
 class UnknownFactError(JouleSwarmError):
@@ -105,6 +111,7 @@ class Facts:
     """Whether bytes were counted; else those of `counts` are 0 and stand for nothing."""
     known_flows: tuple[Flow, ...] | None = None
     known_work: tuple[Work, ...] | None = None
+    known_sent: tuple[Flow, ...] | None = None
 
     @property
     def counts(self) -> StageCounts:
@@ -133,6 +140,15 @@ class Facts:
         """
         return _known(self.known_work, "work")
 
+    @property
+    def sent(self) -> tuple[Flow, ...]:
+        """What robots sent over sidelinks, each message once however many neighbours got it; without a receiver.
+
+        Raises:
+            UnknownFactError: only sums are known here.
+        """
+        return _known(self.known_sent, "sent")
+
     def of_ml(self) -> Facts:
         """Phase ml alone."""
         return self._only("ml", {})
@@ -145,7 +161,7 @@ class Facts:
         def kept(of_phase: Phase, of_task: int) -> bool:
             return of_phase == phase and task in (None, of_task)
 
-        flows, work = self.known_flows, self.known_work
+        flows, work, sent = self.known_flows, self.known_work, self.known_sent
         return replace(
             self,
             t0=self.t0 if phase == "ml" else 0,
@@ -153,6 +169,7 @@ class Facts:
             rounds=rounds,
             known_flows=None if flows is None else tuple(flow for flow in flows if kept(flow.phase, flow.task)),
             known_work=None if work is None else tuple(each for each in work if kept(each.phase, each.task)),
+            known_sent=None if sent is None else tuple(flow for flow in sent if kept(flow.phase, flow.task)),
         )
 
 

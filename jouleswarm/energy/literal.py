@@ -11,8 +11,7 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import Counts, Facts, StageCounts
-
-BITS_PER_BYTE = 8
+from jouleswarm.energy.items import BITS_PER_BYTE, items, total
 
 
 class Literal:
@@ -21,8 +20,8 @@ class Literal:
     name, label = "literal", "literal prices"
 
     def price(self, facts: Facts, energy: Energy) -> Bill:
-        """The bill of an arm; `energy.beta` is a number."""
-        return bill(facts.counts, energy)
+        """The bill of an arm; `energy.beta` is a number. Of robots and links with constants of their own by items."""
+        return bill(facts.counts, energy) if energy.is_uniform else total(items(facts, energy))
 
 
 def data_center_gradient_j(energy: Energy) -> float:
@@ -66,7 +65,7 @@ def price(counts: Counts, energy: Energy) -> Cost:
         side_robots_j, side_down_j = transfer_j(counts.sidelink_bytes, energy.sl_bit_per_j), 0.0
     else:
         side_robots_j = transfer_j(counts.sidelink_sent_bytes, energy.ul_bit_per_j)
-        side_down_j = energy.pue * transfer_j(counts.sidelink_bytes, down_bit_per_j)
+        side_down_j = (energy.base_station_pue or energy.pue) * transfer_j(counts.sidelink_bytes, down_bit_per_j)
     return Cost(
         computing_datacenter_j=energy.pue * center_gradients * data_center_gradient_j(energy),
         computing_robots_j=counts.gradients_robots * robot_gradient_j(energy),

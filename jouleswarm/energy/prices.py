@@ -184,11 +184,12 @@ def _made_up(t0: int) -> Facts:
     pairs = {1: (1, 2), 2: (3, 4)}
     sides = [(task, *pair) for task, (one, two) in pairs.items() for pair in ((one, two), (two, one))]
     flows = [flow("fl", task, Link.SIDELINK, f"agent-{one}", f"agent-{two}") for task, one, two in sides]
-    work: list[Work] = [Work("fl", task, robot, 1, 0, 0.5) for task, robot, _ in sides]
+    sent = [Flow("fl", task, Link.SIDELINK, f"agent-{one}", "", 1, 1000, 1050) for task, one, _ in sides]
+    work: list[Work] = [Work("fl", task, robot, 1, 0, 0.5, 1, 10, 10) for task, robot, _ in sides]
     if t0:
         flows.append(flow("ml", 1, Link.UPLINK, "agent-1", "datacenter"))
         flows += [flow("ml", STAGE, Link.DOWNLINK, "datacenter", f"agent-{robot}") for _, robot, _ in sides]
-        work += [Work("ml", 1, 0, 1, 1, 0.5), Work("ml", 1, 1, 0, 0, 0.5)]
+        work += [Work("ml", 1, 0, 1, 1, 0.5, 1), Work("ml", 1, 1, 0, 0, 0.5, 1, 10)]
     return Facts(
         arm="",
         method="maml" if t0 else "fl",
@@ -200,6 +201,7 @@ def _made_up(t0: int) -> Facts:
         training_robots=1,
         known_flows=tuple(flows),
         known_work=tuple(work),
+        known_sent=tuple(sent),
     )
 
 

@@ -19,8 +19,9 @@ from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, Work
 from jouleswarm.methods.graph import directed_links
 from jouleswarm.runs.beta import measured_beta
 from jouleswarm.runs.facts import meta_counts, meta_rounds, stage_share, task_counts, task_results
+from jouleswarm.runs.lost_work import motions_of
 from jouleswarm.runs.sizes import expected_counts
-from jouleswarm.runs.traffic import DATA_CENTER, RECORDER, Measure, deliveries, metered_by
+from jouleswarm.runs.traffic import DATA_CENTER, RECORDER, Measure, deliveries, metered_by, sent_rows
 
 _PHASES: dict[str, Phase] = {RowPhase.ML: "ml", RowPhase.FL: "fl"}  # as rows and counters spell them
 
@@ -50,7 +51,8 @@ def arm_facts(
         beta=measured_beta(rows, method),
         metered=bool(meter_rows),
         known_flows=tuple(_flows(rows, moved, arm)),
-        known_work=tuple(_work(rows, wasted, arm)),
+        known_work=tuple(_work(scenario, rows, wasted, arm)),
+        known_sent=tuple(_sent(moved, arm)),
     )
 
 
@@ -73,7 +75,7 @@ def control_facts(facts: Facts, meter_rows: Sequence[MeterRow]) -> Facts:
         flows.append(Flow("fl", STAGE, link, "", row.client, row.messages, row.payload_bytes, row.packet_bytes))
     up, down = (sum(f.payload_bytes for f in flows if f.link == link) for link in (Link.UPLINK, Link.DOWNLINK))
     parts: dict[tuple[Phase, int], Counts] = {("fl", STAGE): Counts(uplink_bytes=up, downlink_bytes=down)}
-    return replace(facts, t0=0, rounds={}, parts=parts, known_flows=tuple(flows), known_work=())
+    return replace(facts, t0=0, rounds={}, parts=parts, known_flows=tuple(flows), known_work=(), known_sent=())
 
 
 def in_closed_form(facts: Facts, scenario: Scenario, rounds: Mapping[int, float], sizes: RoundSizes) -> Facts:
@@ -81,7 +83,7 @@ def in_closed_form(facts: Facts, scenario: Scenario, rounds: Mapping[int, float]
     counts = {task: expected_counts(scenario, facts.method, 0, {task: each}, sizes) for task, each in rounds.items()}
     parts: dict[tuple[Phase, int], Counts] = {("fl", task): each.fl for task, each in counts.items()}
     parts["ml", STAGE] = expected_counts(scenario, facts.method, facts.t0, rounds, sizes).ml
-    return replace(facts, parts=parts, metered=True, known_flows=None, known_work=None)
+    return replace(facts, parts=parts, metered=True, known_flows=None, known_work=None, known_sent=None)
 
 
 def links_of(scenario: Scenario, method: str) -> dict[int, int]:
@@ -127,22 +129,35 @@ def _number(level: str) -> int:
     return int(level) if level.isdecimal() else 0
 
 
-def _work(rows: Sequence[RoundRow], lost: Sequence[WorkRow], arm: str) -> Iterator[Work]:
+def _sent(meter_rows: Sequence[MeterRow], arm: str) -> Iterator[Flow]:
+    """What robots sent over sidelinks, each message once."""
+    found: dict[tuple[int, str], list[int]] = {}
+    for row in sent_rows(meter_rows, arm):
+        sums = found.setdefault((_number(task_of(row.topic)), row.client), [0, 0, 0])
+        for place, count in enumerate((row.messages, row.payload_bytes, row.packet_bytes)):
+            sums[place] += count
+    for (task, sender), sums in found.items():
+        yield Flow("fl", task, Link.SIDELINK, sender, "", *sums)
+
+
+def _work(scenario: Scenario, rows: Sequence[RoundRow], lost: Sequence[WorkRow], arm: str) -> Iterator[Work]:
     """What processes have computed, by phase and task; of a shared phase ml the rounds up to the arm's own."""
     method, snapshot, share = method_of(arm), snapshot_of(arm), stage_share(rows, arm)
-    found: dict[tuple[Phase, int, str], list[float]] = {}  # plain, exact, seconds
+    found: dict[tuple[Phase, int, str], list[float]] = {}  # in the order of the fields of `Work`
     for row in rows:
         behind = (row.phase, row.arm) == (RowPhase.ML, method) and (snapshot is None or row.round <= snapshot)
         if behind or (row.phase, row.arm) == (RowPhase.FL, arm):
-            sums = found.setdefault((_PHASES[row.phase], row.task, client_of(row.agent)), [0, 0, 0])
+            sums = found.setdefault((_PHASES[row.phase], row.task, client_of(row.agent)), [0] * 6)
             exact = row.gradients_query or 0
-            for place, done in enumerate((row.gradients - exact, exact, row.seconds)):
+            acted = motions_of(scenario, row), getattr(row, "evaluation_motions", None) or 0
+            for place, done in enumerate((row.gradients - exact, exact, row.seconds, row.round > 0, *acted)):
                 sums[place] += done
     for wasted in lost:
         if (wasted.phase, wasted.arm) in ((RowPhase.ML, method), (RowPhase.FL, arm)):
-            sums = found.setdefault((_PHASES[wasted.phase], wasted.task, wasted.client), [0, 0, 0])
+            sums = found.setdefault((_PHASES[wasted.phase], wasted.task, wasted.client), [0] * 6)
             part = share if wasted.phase == RowPhase.ML else 1.0
             sums[0] += part * wasted.gradients
             sums[1] += part * wasted.gradients_query
+            sums[4] += part * wasted.motions
     for (phase, task, client), spent in found.items():
         yield Work(phase, task, _number(client.removeprefix("agent-")), *spent)

@@ -21,12 +21,10 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
     After a power failure the newest counts of work may be missing: what rows tell was done, whatever the counters say.
     """
     kept: dict[tuple[str, str, str, int], list[int]] = {}
-    robots = set(scenario.agents)
     for row in rows:
         counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0])
         query = row.gradients_query or 0
-        motions = scenario.motions(row.agent) if row.agent in robots else 0
-        for index, count in enumerate((row.gradients - query, query, motions)):
+        for index, count in enumerate((row.gradients - query, query, motions_of(scenario, row))):
             counts[index] += count
     found = []
     for done in work_rows:
@@ -35,6 +33,13 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
         if any(left.values()):
             found.append(done.model_copy(update=left))
     return found
+
+
+def motions_of(scenario: Scenario, row: RoundRow) -> int:
+    """Motions of a round to learn from: as counted, else those that each round of this robot has."""
+    if (counted := getattr(row, "motions", None)) is not None:
+        return int(counted)
+    return scenario.motions(row.agent) if row.agent in scenario.agents else 0
 
 
 def lost_counts(lost: Iterable[WorkRow], share: float = 1.0) -> Counts:

@@ -68,17 +68,23 @@ def traffic(
     )
 
 
-def sent_bytes(meter_rows: Sequence[MeterRow], arm: str, task: int | None, measure: Measure) -> int:
-    """Sidelink bytes that robots sent, each message once however many neighbours get it."""
+def sent_rows(meter_rows: Sequence[MeterRow], arm: str, task: int | None = None) -> list[MeterRow]:
+    """Sidelink messages that robots sent, each once however many neighbours get it."""
     side = metered_by(meter_rows)
     direction = "in" if side == "broker" else "out"
-    return sum(
-        row.payload_bytes if measure == "payload" else row.packet_bytes
+    return [
+        row
         for row in meter_rows
         if (row.side, row.direction, row.arm, row.link) == (side, direction, arm, Link.SIDELINK)
         and _ROBOT.fullmatch(row.client)
         and _is_of(row, task)
-    )
+    ]
+
+
+def sent_bytes(meter_rows: Sequence[MeterRow], arm: str, task: int | None, measure: Measure) -> int:
+    """Bytes of `sent_rows`."""
+    rows = sent_rows(meter_rows, arm, task)
+    return sum(row.payload_bytes if measure == "payload" else row.packet_bytes for row in rows)
 
 
 def is_party(client: str) -> bool:

@@ -13,7 +13,8 @@ from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.bill import Cost
-from jouleswarm.energy.literal import BITS_PER_BYTE, literal
+from jouleswarm.energy.items import BITS_PER_BYTE
+from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price_lists
 from jouleswarm.report.arms import method_colour
 from jouleswarm.studies.arms import over_runs

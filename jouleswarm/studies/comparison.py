@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES
-from jouleswarm.energy.literal import BITS_PER_BYTE
+from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.prices import PriceList, own_lists
 from jouleswarm.studies.arms import failures_of, tasks_of
 from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings

@@ -194,9 +194,9 @@ def test_flows_and_work_add_up_to_the_counts(run: Run) -> None:
         STAGE, "downlink", "datacenter", "agent-4", 1, 5000, 5050,
     )  # fmt: skip
     work = {(each.phase, each.task, each.robot): each for each in facts.work}
-    assert work["ml", 1, 0] == Work("ml", 1, 0, 30, 30, pytest.approx(1.2))  # 3 rounds of 10 + 10 in 0.4 s
-    assert work["ml", 2, 3] == Work("ml", 2, 3, 0, 0, pytest.approx(1.5))  # collected experience for 3 x 0.5 s
-    assert work["fl", 2, 4] == Work("fl", 2, 4, 120, 0, pytest.approx(12.0))
+    assert work["ml", 1, 0] == Work("ml", 1, 0, 30, 30, pytest.approx(1.2), 3)  # 3 rounds of 10 + 10 in 0.4 s
+    assert work["ml", 2, 3] == Work("ml", 2, 3, 0, 0, pytest.approx(1.5), 3, 60)  # collected experience for 3 x 0.5 s
+    assert work["fl", 2, 4] == Work("fl", 2, 4, 120, 0, pytest.approx(12.0), 6, 120)
     assert len(work) == 2 + 2 + 4
     assert sum(flow.payload_bytes for flow in facts.flows if flow.link == "uplink") == facts.counts.ml.uplink_bytes
     assert sum(each.plain for each in facts.work if each.robot) == facts.counts.fl.gradients_robots
