@@ -93,7 +93,7 @@ class Energy(Section):
         found = {
             name: value
             for name, value in given.items()
-            if isinstance(value, dict) and "low" in value and name in cls.model_fields
+            if isinstance(value, dict) and "low" in value and name != "kinds"
         }
         ranges = {name: Uncertain.model_validate(value) for name, value in found.items()}
         if not ranges:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from jouleswarm.common.scenario.sections import Section
 
@@ -12,10 +12,10 @@ from jouleswarm.common.scenario.sections import Section
 class Uncertain(Section):
     """`{low = 100e3, high = 400e3}`: any value between them; with `likely` that one more than others (triangular)."""
 
-    low: float
-    high: float
-    likely: float | None = None
-    shape: Literal["uniform", "loguniform"] = "uniform"
+    low: float = Field(description="nothing is below")
+    high: float = Field(description="nothing is above")
+    likely: float | None = Field(None, description="what is likelier than all else (triangular), and the nominal value")
+    shape: Literal["uniform", "loguniform"] = Field("uniform", description="loguniform: uniform in the logarithm")
 
     @property
     def nominal(self) -> float:
