@@ -70,9 +70,10 @@ def within(points: list[Point], budget: float) -> Point | None:
 
 
 def _flow(flow: Flow, part: float) -> Flow:
-    *head, messages, payload, packet = flow
-    return Flow(*head, part * messages, part * payload, part * packet)
+    moved = {name: part * getattr(flow, name) for name in ("messages", "payload_bytes", "packet_bytes")}
+    return flow._replace(**moved)
 
 
 def _work(work: Work, part: float) -> Work:
-    return Work(*work[:3], *(part * value for value in work[3:]))
+    done = {name: part * getattr(work, name) for name in Work._fields[3:]}
+    return work._replace(**done)
