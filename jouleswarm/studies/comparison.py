@@ -9,12 +9,13 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.literal import BITS_PER_BYTE
 from jouleswarm.energy.prices import PriceList, own_lists
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.studies.arms import failures_of, tasks_of
 from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PRICE_LISTS, cost_of, moved_bytes, runs_of, task_stages, total_over_runs
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _CAUSES = CAUSES[:-1]  # literal prices have no other
 _CENSORED = (

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
@@ -15,7 +16,7 @@ from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_h
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, Efficiencies, failures, priced, runs_of, task_stages
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _UNDEFINED = "The paper implies no prices for these methods at these efficiencies."
 _UNKNOWN = "This price list has no bill for these facts: it is not defined, or asks for more than a study keeps."

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum
 
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import MEASURES, Measure, arms_by_t0, failures_of, rounds_estimate, tasks_of
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _PRINTED_TASKS = (1, 2, 3, 4, 5, 6)
 _MEASURE_TITLES = {

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from jouleswarm.environments.landmarks.families import MAX_STEM, Path, draw_family, drawing, similarity
 from jouleswarm.environments.landmarks.settings import task_map, world_of
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.studies.arms import PLAIN, failures_of, tasks_of
 from jouleswarm.studies.comparison import comparison_csv, comparison_markdown
 from jouleswarm.studies.estimates import estimate
@@ -19,7 +20,6 @@ from jouleswarm.studies.prices import failures, runs_of, task_stages
 from jouleswarm.studies.record import Record
 from jouleswarm.studies.style import COLOURS, INK, blank
 from jouleswarm.studies.sweeps import pair_settings
-from jouleswarm.studies.tables import Cell, Table
 
 
 def plan(request: Request) -> Plan:
