@@ -5,8 +5,8 @@ Printed values are quoted; everything beside them is computed by the two price l
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import Bill
@@ -140,9 +140,9 @@ def _per_round() -> list[AuditRow]:
     ml_j, fl_j = (ml.total_j, PUBLISHED_ML_ROUND_J), (fl.total_j, PUBLISHED_FL_ROUND_J)
     ratios = [one / other for one, other in zip(ml_j, fl_j, strict=True)]
     return [
-        AuditRow("IV-B", "one MAML round: 74 kJ / 210", "J", "352", None, *ml_j, ml_parts),
-        AuditRow("IV-B", "one FL round: 227 kJ / 921.5", "J", "246", None, *fl_j, fl_parts),
-        AuditRow("Fig. 3, caption", "a MAML round over an FL round", "x", "1", None, *ratios, at_least=True),
+        _priced("IV-B", "one MAML round: 74 kJ / 210", "J", "352", ml_j, ml_parts),
+        _priced("IV-B", "one FL round: 227 kJ / 921.5", "J", "246", fl_j, fl_parts),
+        _priced("Fig. 3, caption", "a MAML round over an FL round", "x", "1", ratios, at_least=True),
     ]
 
 
@@ -155,7 +155,7 @@ def _totals() -> list[AuditRow]:
     ]
 
     def row(place: str, quantity: str, printed: str, joules: Iterable[float], note: str = "") -> AuditRow:
-        return AuditRow(place, quantity, "kJ", printed, None, *(each / 1e3 for each in joules), note=note)
+        return _priced(place, quantity, "kJ", printed, [each / 1e3 for each in joules], note)
 
     return [
         row("IV-B, Fig. 3a", "E_ML, t0 = 210", "74", (each.ml.total_j for each in at_210)),
@@ -170,9 +170,8 @@ def _totals() -> list[AuditRow]:
 
 def _one_task(quantity: str, printed: str, rounds: float) -> AuditRow:
     literal_j = bill(closed_form(0, 0, [ClusterRounds(rounds)]), EFFICIENT_SIDELINK).fl.total_j
-    both = literal_j / 1e3, _published(0, rounds).fl.total_j / 1e3
-    slack = _TABLE_II_HALF_UNIT * PUBLISHED_FL_ROUND_J / 1e3
-    return AuditRow("IV-B, Fig. 3a", quantity, "kJ", printed, None, *both, slack=slack)
+    row = _priced("IV-B, Fig. 3a", quantity, "kJ", printed, (literal_j / 1e3, _published(0, rounds).fl.total_j / 1e3))
+    return replace(row, slack=_TABLE_II_HALF_UNIT * PUBLISHED_FL_ROUND_J / 1e3)
 
 
 def _savings() -> list[AuditRow]:
@@ -187,12 +186,27 @@ def _savings() -> list[AuditRow]:
     places, every, of = "abstract, IV-C", "the same, every t0,", "t0 of the least E,"
     about, zero = 'printed as "approx. two times"', "0 means that MAML does not pay"
     return [
-        AuditRow("IV-B", "E without over with MAML, t0 = 210", "x", "2", None, *headline, about),
-        AuditRow(places, f"{every} (200, 500) kb/J", "x", "2", None, *least[:2], at_least=True),
-        AuditRow(places, f"{every} (500, 200) kb/J", "x", "2", None, least[2], at_least=True),
-        AuditRow("IV-C", f"{of} (200, 500) kb/J", "rounds", "42", None, *best[:2], zero),
-        AuditRow("IV-C", f"{of} (500, 200) kb/J", "rounds", "132", None, best[2]),
+        _priced("IV-B", "E without over with MAML, t0 = 210", "x", "2", headline, about),
+        _priced(places, f"{every} (200, 500) kb/J", "x", "2", least[:2], at_least=True),
+        _priced(places, f"{every} (500, 200) kb/J", "x", "2", least[2:], at_least=True),
+        _priced("IV-C", f"{of} (200, 500) kb/J", "rounds", "42", best[:2], zero),
+        _priced("IV-C", f"{of} (500, 200) kb/J", "rounds", "132", best[2:]),
     ]
+
+
+def _priced(
+    place: str,
+    quantity: str,
+    unit: str,
+    printed: str,
+    found: Sequence[float],
+    note: str = "",
+    *,
+    at_least: bool = False,
+) -> AuditRow:
+    """A row of what the literal list gives, and the published one where it is defined."""
+    published = found[1] if len(found) > 1 else None
+    return AuditRow(place, quantity, unit, printed, literal=found[0], published=published, note=note, at_least=at_least)
 
 
 def _published(t0: float, fl_rounds: float) -> Bill:
