@@ -8,13 +8,12 @@ bytes per model byte and hop: all MQTT packets of both directions, acknowledgeme
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 from multiprocessing.connection import Connection
 
 from benchmarks.broker_throughput import WEIGHTS_BYTES, Crew
-from benchmarks.brokers import embedded, mosquitto
+from benchmarks.harness import embedded, mosquitto, parser
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.wire import topics
 
@@ -43,10 +42,10 @@ def robot(url: str, number: int, pipe: Connection) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=40)
-    parser.add_argument("--mosquitto", action="store_true", help="over Mosquitto in place of the embedded broker")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=40)
+    known.add_argument("--mosquitto", action="store_true", help="over Mosquitto in place of the embedded broker")
+    options = known.parse_args()
     with mosquitto() if options.mosquitto else embedded() as broker:
         crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])
         seconds = [crew.round_s(lambda: None) for _ in range(options.rounds + 1)][1:]

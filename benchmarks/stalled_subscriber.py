@@ -8,7 +8,6 @@ the rule without a shorter time for who holds more than its share.
 
 from __future__ import annotations
 
-import argparse
 import os
 import socket
 import threading
@@ -18,12 +17,10 @@ from multiprocessing.connection import Connection
 import psutil
 
 from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, Crew
-from benchmarks.brokers import embedded
+from benchmarks.harness import MEGABYTE, embedded, parser
 from fuzz.hostile_packets import connect, subscribe
 from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.bus.mqtt import MqttBus
-
-MEGABYTE = 1024 * 1024
 
 
 def robot(url: str, number: int, pipe: Connection) -> None:
@@ -50,11 +47,11 @@ def peak_watch(process: psutil.Process, peak: list[int], stop: threading.Event) 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--pressed-s", type=float, default=10.0)
-    parser.add_argument("--stall-s", type=float, default=60.0)
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=8)
+    known.add_argument("--pressed-s", type=float, default=10.0)
+    known.add_argument("--stall-s", type=float, default=60.0)
+    options = known.parse_args()
     times = ("--pressed-stall-timeout-s", str(options.pressed_s), "--stall-timeout-s", str(options.stall_s))
     with embedded(*times) as broker, socket.socket() as stalled:
         crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])

@@ -7,7 +7,7 @@ import re
 import pandas as pd
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.report.format import TextTable
+from jouleswarm.report.table import Table
 from jouleswarm.runs.curves import within
 
 _UNITS = {
@@ -42,7 +42,7 @@ def parse_budget(text: str) -> tuple[str, float]:
     return what, amount * factor
 
 
-def budget_table(points: pd.DataFrame, budget: str) -> TextTable:
+def budget_table(points: pd.DataFrame, budget: str) -> Table:
     """A row an arm.
 
     Raises:
@@ -58,4 +58,4 @@ def budget_table(points: pd.DataFrame, budget: str) -> TextTable:
         learned = point["learned"] or "none"
         rows.append([arm, str(point["round"]), f"{point['share_learned']:.0%}", learned, reward])
     headings = ["arm", "rounds of each cluster", "learned", "tasks", "mean R"]
-    return TextTable(title=f"What {budget} had reached", headings=headings, rows=rows)
+    return Table(title=f"What {budget} had reached", headings=headings, rows=rows)

@@ -15,6 +15,9 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure
+from jouleswarm.report.spending import learned_figure
+from jouleswarm.report.why import tornado_figure
+from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run
 
 CAPTIONS = {
@@ -24,6 +27,10 @@ CAPTIONS = {
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
     "episodes; dashed is the reward at which a task counts as learned; a cross ends a task that was not.",
+    "learned": "Share of the tasks learned, and the mean of their R, by what had been spent (each round of a task has "
+    "the same part of its total); curves begin when their stage is paid for.",
+    "why": "What the comparison hangs on: joules with a model learned first over joules without, where one constant is "
+    "halved (the arrow's end) or doubled; dashed is the verdict's turning.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }
 STYLE: dict[Any, Any] = {
@@ -43,29 +50,35 @@ STYLE: dict[Any, Any] = {
 _PNG_DPI = 300
 
 
-_FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
+_FIGURES: dict[str, Callable[[Run, Energy], Figure | None]] = {
     "energy": energy_figure,
     "rounds": rounds_figure,
     "rewards": rewards_figure,
+    "learned": learned_figure,
+    "why": tornado_figure,
     "bytes": bytes_figure,
 }
+_OF_PRICES = ("energy", "learned", "why")
 
 
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
-    """Draw all figures into RUN/figures; at other prices (`suffix`) only the one that prices change."""
+    """Draw all figures into RUN/figures; at other prices (`suffix`) only those that prices change."""
     folder = run.path / "figures"
     folder.mkdir(exist_ok=True)
     written = []
     for name, draw in _FIGURES.items():
-        if suffix and name != "energy":
+        if suffix and name not in _OF_PRICES:
             continue
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-            figure = draw(run, energy)
+            if (figure := draw(run, energy)) is None:
+                continue
             for kind, options in (("png", {"dpi": _PNG_DPI}), ("svg", {"metadata": {"Date": None}})):
                 path = folder / f"{name}{suffix}.{kind}"
                 figure.savefig(path, format=kind, **options)
                 written.append(path)
-    return written
+    table = folder / f"learned{suffix}.csv"
+    curves(run, energy).to_csv(table, index=False, float_format="%.10g")
+    return [*written, table]
 
 
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
@@ -74,7 +87,9 @@ def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     for name, draw in _FIGURES.items():
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
-            draw(run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
+            if (figure := draw(run, energy)) is None:
+                continue
+            figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
         svg = file.getvalue()
         svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
         svg = re.sub(r'\bid="', f'id="{name}-', svg)

@@ -12,6 +12,7 @@ from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, publish
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import label, labels, method_label
+from jouleswarm.runs.breakeven import comparable
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.directory import computed_on
@@ -48,15 +49,8 @@ def warnings(run: Run) -> list[str]:
 
 
 def verdicts(run: Run, energy: Energy) -> list[str]:
-    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl.
-
-    Only of a complete run that can be trusted, and of arms whose tasks were all learned.
-    """
-    held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
-    if run.status != "complete" or run.misfits or not held.get(BASELINE):
-        return []
-    learned = [arm for arm in run.scenario.arms if arm.t0 and held[arm.name]]
-    return [line for arm in learned if (line := _verdict(run, arm, energy))]
+    """Whether transfer pays, a line a comparable arm, by each column that has a total for it and for fl."""
+    return [line for arm in comparable(run) if (line := _verdict(run, arm, energy))]
 
 
 def notes(run: Run, energy: Energy) -> list[str]:

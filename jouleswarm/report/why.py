@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
-from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.breakeven import returns_to_pay, tasks_to_pay
 from jouleswarm.energy.facts import Facts
@@ -18,15 +17,18 @@ from jouleswarm.energy.why import CONSTANTS, Price, hangs, scaled, value_of
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.report.arms import INK, colours, label, labels, method_label
 from jouleswarm.report.canvas import new_figure
-from jouleswarm.report.format import TextTable, joules_text
-from jouleswarm.runs.breakeven import savings
+from jouleswarm.report.format import joules_text
+from jouleswarm.report.table import Table
+from jouleswarm.runs.breakeven import comparable, savings
 from jouleswarm.runs.run import Run
 
+_MOST_PANELS = 3
 
-def why_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[TextTable]:
+
+def why_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
     """For each arm with a stage before: what its bill hangs on, and at which value the verdict would turn."""
     tables = []
-    for arm in compared(run):
+    for arm in comparable(run):
         here = with_beta(energy, run.facts[arm.name])
         mine, other = total_of(run.facts[arm.name], prices), total_of(run.facts[BASELINE], prices)
         found = sorted(hangs(here, mine, other), key=lambda each: -abs(each.elasticity))
@@ -42,24 +44,24 @@ def why_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Te
         ]
         headings = ["constant", "value", "share of the bill", "elasticity", "verdict turns at"]
         against = f"{label(run.scenario, arm)} against {method_label(run.scenario, BASELINE)}"
-        tables.append(TextTable(f"What the bill hangs on: {against}", headings, rows))
+        tables.append(Table(f"What the bill hangs on: {against}", headings, rows))
     return tables
 
 
-def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[TextTable]:
+def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
     """From how many tasks, or returns of a seen one, learning a model first pays; none without such an arm."""
     rows = []
-    for arm in compared(run):
+    for arm in comparable(run):
         found = savings(run, arm.name, BASELINE, with_beta(energy, run.facts[arm.name]), prices)
         if found is not None:
             saved = (_signed(found.seen_j), _signed(found.unseen_j))
             until = (_count(tasks_to_pay(found)), _count(returns_to_pay(found)))
             rows.append([label(run.scenario, arm), joules_text(found.stage_j), *saved, str(found.seen_tasks), *until])
     headings = ["arm", "stage", "saved a seen task", "an unseen one", "seen", "pays from tasks", "or returns"]
-    return [TextTable(f"When it pays against {method_label(run.scenario, BASELINE)}", headings, rows)] if rows else []
+    return [Table(f"When it pays against {method_label(run.scenario, BASELINE)}", headings, rows)] if rows else []
 
 
-def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[TextTable]:
+def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
     """The bills at constants that are ranges, and how likely each arm is the cheaper one; none where all are exact."""
     if not energy.uncertain:
         return []
@@ -76,14 +78,19 @@ def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> l
     ranges = ", ".join(f"{name} {each.low:g} to {each.high:g}" for name, each in energy.uncertain.items())
     against = f"cheaper than {method_label(run.scenario, BASELINE)}"
     headings = ["arm", "at the nominal values", "mean", "middle 95%", against]
-    return [TextTable(f"E where constants are ranges: {ranges}", headings, rows)]
+    return [Table(f"E where constants are ranges: {ranges}", headings, rows)]
 
 
-def tornado_figure(run: Run, energy: Energy) -> Figure:
-    """How the factor between the arms with a stage and the one without moves where a constant is halved or doubled."""
-    arms = [arm for arm in compared(run) if run.facts[arm.name].metered and run.facts[BASELINE].metered][:3]
-    figure = new_figure(0.6 + 1.9 * max(1, len(arms)))
-    for axes, arm in zip(figure.subplots(max(1, len(arms)), 1, squeeze=False).ravel(), arms, strict=False):
+def tornado_figure(run: Run, energy: Energy) -> Figure | None:
+    """How the factor between the arms with a stage and the one without moves where a constant is halved or doubled.
+
+    None where there is nothing to compare.
+    """
+    arms = [arm for arm in comparable(run) if run.facts[arm.name].metered][:_MOST_PANELS]
+    if not arms:
+        return None
+    figure = new_figure(0.6 + 1.9 * len(arms))
+    for axes, arm in zip(figure.subplots(len(arms), 1, squeeze=False).ravel(), arms, strict=True):
         here, facts = with_beta(energy, run.facts[arm.name]), (run.facts[arm.name], run.facts[BASELINE])
         mine, other = (total_of(each, literal) for each in facts)
         bars = sorted(_bars(here, mine, other), key=lambda bar: abs(math.log(bar[2] / bar[1])))
@@ -97,11 +104,6 @@ def tornado_figure(run: Run, energy: Energy) -> Figure:
         axes.set_yticks([])
         axes.set_xlabel(f"joules of {label(run.scenario, arm)} / joules of {method_label(run.scenario, BASELINE)}")
     return figure
-
-
-def compared(run: Run) -> list[Arm]:
-    """Arms with a stage before, where there is an arm without to compare them with."""
-    return [arm for arm in run.scenario.arms if arm.t0] if BASELINE in run.facts else []
 
 
 def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -> Price:

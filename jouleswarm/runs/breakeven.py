@@ -6,12 +6,23 @@ from collections.abc import Iterable
 from dataclasses import replace
 from statistics import fmean
 
+from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.breakeven import Savings
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.runs.run import Run
+
+
+def comparable(run: Run) -> list[Arm]:
+    """Arms with a stage before that learned all tasks, of a complete run that can be trusted and in which the arm
+    without transfer learned all too: a bill at unequal reward is no verdict."""
+    held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
+    if run.status != "complete" or run.misfits or not held.get(BASELINE):
+        return []
+    return [arm for arm in run.scenario.arms if arm.t0 and held[arm.name]]
 
 
 def savings(run: Run, arm: str, plain: str, energy: Energy, prices: PriceList) -> Savings | None:

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from jouleswarm.report.table import Table, csv_text, markdown_text
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
 from jouleswarm.studies.names import StudyName
 from jouleswarm.studies.record import Record
 from jouleswarm.studies.style import Draw, write_figure
-from jouleswarm.studies.tables import Table, csv_text, markdown_text
 
 
 @dataclass(frozen=True)

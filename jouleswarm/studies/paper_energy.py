@@ -8,14 +8,15 @@ from typing import NamedTuple
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
 from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
-from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings
+from jouleswarm.studies.columns import carbon_columns
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, Efficiencies, failures, priced, runs_of, task_stages
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _UNDEFINED = "The paper implies no prices for these methods at these efficiencies."
 _UNKNOWN = "This price list has no bill for these facts: it is not defined, or asks for more than a study keeps."
@@ -62,14 +63,18 @@ def energy_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList]
                 counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm, tasks_of(facts)))
                 printed = _printed(t0, pair)
                 told = (printed.ml_j, printed.total_j) if printed else (None, None)
-                grams = [cell for each in _carbon(facts, arm, energy, pair, prices) for cell in spread(each)]
+                grams = [
+                    cell
+                    for each in carbon_columns(pair.of(energy), prices)
+                    for cell in spread(each.over(facts, "", arm))
+                ]
                 rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *grams))
     return Table(
         "Energy by t0",
         (
             *("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "ml_j", "ml_ci95", "fl_j", "fl_ci95", "total_j"),
             *("total_ci95", "seeds", "not_learned", "trials", "printed_ml_j", "printed_total_j"),
-            *carbon_columns(energy),
+            *(name for column in carbon_columns(energy) for name in column.names),
         ),
         rows,
     )
@@ -101,16 +106,24 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
         for prices in lists:
             title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}"
             held = energy_rows(facts, energy, pair, prices)
-            headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E", *carbon_headings(energy))
+            headings = (
+                "t0",
+                "E_ML",
+                "sum of E_FL",
+                "E",
+                "not learned",
+                "printed E",
+                *(column.heading for column in carbon_columns(energy)),
+            )
             if held is None:
                 note = _UNDEFINED if prices is published else _UNKNOWN
                 tables.append(Table(title, headings, [], (note,)))
                 continue
             best = optimum(held)
-            rows = [
-                (*_row(facts, pair, row, row is best), *map(estimate_text, _carbon(facts, arm, energy, pair, prices)))
-                for row, arm in zip(held, arms_by_t0(facts).values(), strict=True)
-            ]
+            rows = []
+            for row, arm in zip(held, arms_by_t0(facts).values(), strict=True):
+                grams = (estimate_text(each.over(facts, "", arm)) for each in carbon_columns(pair.of(energy), prices))
+                rows.append((*_row(facts, pair, row, row is best), *grams))
             tables.append(Table(title, headings, rows, ("The lowest mean is bold.",)))
     return tables
 
@@ -142,13 +155,6 @@ def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) 
     told = f"{printed.total_j / 1e3:g}" if printed else None
     not_learned = failures_text(*failures_of(facts, "", arm, tasks_of(facts)))
     return row.t0, ml, fl, f"**{total}**" if best else total, not_learned, told
-
-
-def _carbon(
-    facts: Sequence[Fact], arm: str, energy: Energy, pair: Efficiencies, prices: PriceList
-) -> tuple[Estimate | None, ...]:
-    """Grams of one t0; not known by the published prices, which do not tell sites apart."""
-    return carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy), prices)
 
 
 def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:

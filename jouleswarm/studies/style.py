@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jouleswarm.common.errors import StudyError
@@ -16,7 +15,7 @@ from jouleswarm.report.arms import INK
 from jouleswarm.report.figures import STYLE
 from jouleswarm.studies.estimates import Estimate
 
-__all__ = ["COLOURS", "INK", "META", "PLAIN_COLOUR", "blank", "points", "write_figure"]
+__all__ = ["COLOURS", "INK", "META", "PLAIN_COLOUR", "points", "write_figure"]
 
 META, PLAIN_COLOUR = "#E69F00", "#0072B2"
 """With meta-learning and without, as in the paper."""
@@ -24,15 +23,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#7
 """Okabe and Ito's set, told apart by colour-blind readers."""
 
 Draw = Callable[[], Figure]
-_WIDTH_IN = 7.0
 _PNG_DPI = 200
-
-
-def blank(height_in: float) -> Figure:
-    """An empty figure of the usual width, without global state."""
-    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def points(axes: Axes, xs: list[float], estimates: list[Estimate], **options: Any) -> None:

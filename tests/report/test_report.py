@@ -260,8 +260,8 @@ def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     assert after.pop("report-ul500-sl200.html")
     assert after == before
     assert sorted(file.name for file in (complete / "figures").iterdir()) == [
-        "energy-ul500-sl200.png",
-        "energy-ul500-sl200.svg",
+        *("energy-ul500-sl200.png", "energy-ul500-sl200.svg"),
+        *("learned-ul500-sl200.csv", "learned-ul500-sl200.png", "learned-ul500-sl200.svg"),
     ]
 
 
