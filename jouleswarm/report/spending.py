@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK, colours
@@ -26,6 +27,7 @@ def learned_figure(run: Run, energy: Energy) -> Figure:
         lower.set_xlabel(heading)
         if (points[what] > 0).any():
             lower.set_xscale("log")
+            lower.xaxis.set_minor_formatter(NullFormatter())  # of a short axis they would cover each other
     grid[0][0].set_ylabel("tasks learned (%)")
     grid[1][0].set_ylabel("mean R")
     figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=LEGEND_COLUMNS)

@@ -9,8 +9,9 @@ import pytest
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.breakeven import Savings, returns_to_pay, tasks_to_pay
-from jouleswarm.energy.facts import Counts
-from jouleswarm.energy.literal import price
+from jouleswarm.energy.curves import curve
+from jouleswarm.energy.facts import Counts, Facts, Phase
+from jouleswarm.energy.literal import literal, price
 from jouleswarm.studies.facts import META_STAGE, Fact, read_facts
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -43,6 +44,17 @@ def test_returns_of_a_seen_task(compact: list[Fact]) -> None:
     savings = _savings(compact, Energy())
     assert savings.seen_j == pytest.approx(1462, rel=1e-4)
     assert returns_to_pay(savings) == pytest.approx(254, rel=2e-3)
+
+
+def test_what_had_been_learned_after_so_many_rounds(compact: list[Fact]) -> None:
+    mine = {fact.task: fact for fact in compact if (fact.arm, fact.seed) == ("fl", 1)}
+    parts: dict[tuple[Phase, int], Counts] = {("fl", task): fact.counts for task, fact in mine.items()}
+    facts = Facts("fl", "fl", 0, parts, {task: fact.rounds for task, fact in mine.items()})
+    learned = {task: fact.learned for task, fact in mine.items()}
+    points = list(curve(facts, learned, lambda here: literal.price(here, Energy()).total_j))
+    assert points[1].spent / 6 == pytest.approx(100.866, rel=1e-5)  # a cluster's round
+    assert points[-1].spent == pytest.approx(8170.1, rel=1e-5)  # 81 of them
+    assert [len(points[round_].learned) for round_ in (7, 8, 12, 18, 19)] == [0, 1, 3, 5, 6]
 
 
 def test_shares_of_the_bill_with_transfer() -> None:
