@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,19 +54,20 @@ _FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
 
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
     """Draw all figures into RUN/figures; at other prices (`suffix`) only the one that prices change."""
-    folder = run.path / "figures"
-    folder.mkdir(exist_ok=True)
-    written = []
-    for name, draw in _FIGURES.items():
-        if suffix and name != "energy":
-            continue
-        with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-            figure = draw(run, energy)
-            for kind, options in (("png", {"dpi": _PNG_DPI}), ("svg", {"metadata": {"Date": None}})):
-                path = folder / f"{name}{suffix}.{kind}"
-                figure.savefig(path, format=kind, **options)
-                written.append(path)
-    return written
+    names = ["energy"] if suffix else _FIGURES
+    drawn = ((name, partial(_FIGURES[name], run, energy)) for name in names)
+    return [path for name, draw in drawn for path in save_figure(run.path / "figures", f"{name}{suffix}", draw)]
+
+
+def save_figure(folder: Path, name: str, draw: Callable[[], Figure], dpi: int = _PNG_DPI) -> list[Path]:
+    """Draw a figure and write it as PNG and as SVG; the same data make the same files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    options: dict[str, dict[str, Any]] = {"png": {"dpi": dpi}, "svg": {"metadata": {"Date": None}}}
+    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
+        figure = draw()
+        for kind, more in options.items():
+            figure.savefig(folder / f"{name}.{kind}", format=kind, **more)
+    return [folder / f"{name}.{kind}" for kind in options]
 
 
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:

@@ -23,8 +23,6 @@ from jouleswarm.report.table import terminal
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.runs.run import Run, load_run
 
-__all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
-
 _DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
 
 
