@@ -28,6 +28,7 @@ WEIGHTS_BYTES = 5_565_072
 FRAME_BYTES = 1_228_800
 FRAMES = 20
 ROBOTS = 12
+PUBACK_BYTES = 4
 RUN = "jouleswarm/bench/maml"
 
 
@@ -72,6 +73,26 @@ def data_center(url: str, pipe: Connection) -> None:
         bus.flush()
         pipe.send("done")
     bus.close()
+
+
+def ring_robot(url: str, number: int, robots: int, pipe: Connection) -> None:
+    """One round: weights to both neighbours of a ring, theirs in; in the end wire and payload bytes are told."""
+    bus = MqttBus.connect(url, f"agent-{number}")
+    neighbours = ((number + 1) % robots, (number - 1) % robots)
+    bus.subscribe(*(f"{RUN}/sl/1/{neighbour}/weights" for neighbour in neighbours))
+    weights = os.urandom(WEIGHTS_BYTES)
+    pipe.send("ready")
+    while pipe.recv():
+        bus.publish(f"{RUN}/sl/1/{number}/weights", weights)
+        for _ in neighbours:
+            message = bus.receive()
+            assert message is not None
+            assert len(message.payload) == WEIGHTS_BYTES
+        pipe.send("done")
+    bus.close()
+    rows = bus.meter.rows()
+    wire_bytes = sum(row.packet_bytes + PUBACK_BYTES * row.messages for row in rows)
+    pipe.send((wire_bytes, sum(row.payload_bytes for row in rows)))
 
 
 class Crew:

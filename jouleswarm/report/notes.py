@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
@@ -14,7 +16,7 @@ from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import label, labels, method_label
 from jouleswarm.runs.breakeven import comparable
 from jouleswarm.runs.columns import columns
-from jouleswarm.runs.conservation import conservation
+from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.paper import is_papers_deployment
 from jouleswarm.runs.run import Run
@@ -39,11 +41,9 @@ def warnings(run: Run) -> list[str]:
     """What stands before everything else: that a bill is not to be trusted."""
     if not run.misfits:
         return []
-    worst, told = run.misfits[0], (run.summary or {}).get("counters") or "the broker's counters"
+    told = (run.summary or {}).get("counters") or "the broker's counters"
     return [
-        f"The counters of broker and clients do not fit for {len(run.misfits)} client and topic pairs, first "
-        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
-        f"{worst.delivered} (messages, bytes). This bill is fed by {told}, and is not to be trusted: "
+        f"{_do_not_fit(run.misfits)} This bill is fed by {told}, and is not to be trusted: "
         "run it again, on a broker that keeps its counters for the whole run."
     ]
 
@@ -194,13 +194,17 @@ def _notes_of_faults(run: Run) -> list[str]:
             "that broke before they were received. They are in the bytes and in the bill too."
         )
     if found.broken and not run.misfits:  # of a run cut short: the two sides stopped counting at other moments
-        worst = found.broken[0]
-        lines.append(
-            f"The counters of broker and clients do not fit for {len(found.broken)} client and topic pairs, first "
-            f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
-            f"{worst.delivered} (messages, bytes)."
-        )
+        lines.append(_do_not_fit(found.broken))
     return lines
+
+
+def _do_not_fit(broken: Sequence[Balance]) -> str:
+    worst = broken[0]
+    return (
+        f"The counters of broker and clients do not fit for {len(broken)} client and topic pairs, first "
+        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+        f"{worst.delivered} (messages, bytes)."
+    )
 
 
 def _missed(run: Run) -> list[str]:

@@ -26,8 +26,6 @@ from jouleswarm.report.why import why_tables
 from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run, load_run
 
-__all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
-
 _DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
 
 

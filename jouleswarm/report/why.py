@@ -81,14 +81,14 @@ def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> l
     return [Table(f"E where constants are ranges: {ranges}", headings, rows)]
 
 
-def tornado_figure(run: Run, energy: Energy) -> Figure | None:
+def tornado_figure(run: Run, energy: Energy) -> Figure:
     """How the factor between the arms with a stage and the one without moves where a constant is halved or doubled.
 
-    None where there is nothing to compare.
+    Args:
+        run: with arms that may be compared.
+        energy: the constants.
     """
-    arms = [arm for arm in comparable(run) if run.facts[arm.name].metered][:_MOST_PANELS]
-    if not arms:
-        return None
+    arms = comparable(run)[:_MOST_PANELS]
     figure = new_figure(0.6 + 1.9 * len(arms))
     for axes, arm in zip(figure.subplots(len(arms), 1, squeeze=False).ravel(), arms, strict=True):
         here, facts = with_beta(energy, run.facts[arm.name]), (run.facts[arm.name], run.facts[BASELINE])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.report.table import Table
-from jouleswarm.studies.arms import failures_of, tasks_of
+from jouleswarm.studies.arms import failures_of
 from jouleswarm.studies.columns import arm_columns
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PRICE_LISTS, runs_of
@@ -31,7 +31,7 @@ def comparison_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceL
         runs = runs_of(facts, variant, arm)
         cells = [cell for column in columns for cell in spread(column.over(facts, variant, arm))]
         t0 = next(iter(runs.values()))[0].t0
-        rows.append((variant, arm, t0, *cells, len(runs), *failures_of(facts, variant, arm, tasks_of(facts))))
+        rows.append((variant, arm, t0, *cells, len(runs), *failures_of(facts, variant, arm)))
     names = [name for column in columns for name in column.names]
     return Table("Comparison", ("variant", "arm", "t0", *names, "seeds", "not_learned", "trials"), rows)
 
@@ -45,6 +45,6 @@ def comparison_markdown(
     for variant, arm in arms_of(facts):
         cells = [estimate_text(column.over(facts, variant, arm), column.unit) for column in columns]
         head = (variant, arm) if varied else (arm,)
-        rows.append((*head, *cells, failures_text(*failures_of(facts, variant, arm, tasks_of(facts)))))
+        rows.append((*head, *cells, failures_text(*failures_of(facts, variant, arm))))
     head = ("variant", "arm") if varied else ("arm",)
     return Table(title, (*head, *(column.heading for column in columns), "not learned"), rows, (_CENSORED,))

@@ -12,14 +12,13 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import own_lists, price_lists
-from jouleswarm.report.arms import method_colour, method_label
+from jouleswarm.report.arms import INK, method_colour, method_label
 from jouleswarm.report.canvas import bars, new_figure
-from jouleswarm.studies.arms import failures_of, tasks_of
+from jouleswarm.studies.arms import failures_of
 from jouleswarm.studies.columns import Column, cause_columns, rounds_sum, total_column
 from jouleswarm.studies.comparison import arms_of
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import moved_bytes
-from jouleswarm.studies.style import INK
 
 _CAUSES = ("#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7")
 _ROUNDS = Column("rounds", "rounds, all tasks", 1, rounds_sum)
@@ -66,11 +65,12 @@ def panels_figure(
         for axes, column in zip(row, columns, strict=True):
             for place, arm in enumerate(arms):
                 found = [column.shown(facts, variant, arm) for variant in shown.values()]
-                failed = [failures_of(facts, variant, arm, tasks_of(facts))[0] for variant in shown.values()]
+                failed = [failures_of(facts, variant, arm)[0] for variant in shown.values()]
                 texts = [f"{each.mean:.3g}" for each in found] if numbered else [f"{n}×" if n else "" for n in failed]
                 ends = [each.ci95 or 0.0 for each in found]
                 bars(axes, place, len(arms), [each.mean for each in found], colours[arm], ci95=ends, texts=texts)
             axes.set_xticks(range(len(shown)), list(shown))
+            axes.set_xlim(-0.5, len(shown) - 0.5)
             axes.set_xlabel(what)
             axes.set_ylabel(column.heading)
     labels = {arm: method_label(scenario, method_of(arm)) for arm in arms}
@@ -99,7 +99,7 @@ def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
         for axes, column in zip(others, columns, strict=True):
             found = column.shown(facts, *arm)
             axes.barh(place, found.mean, xerr=found.ci95 or 0.0, color="#bbbbbb", ecolor=INK, capsize=2)
-        not_learned, trials = failures_of(facts, *arm, tasks_of(facts))
+        not_learned, trials = failures_of(facts, *arm)
         if not_learned:
             told = f" {not_learned} of {trials} not learned"
             others[-1].annotate(told, (0, place), fontsize=6, va="center", ha="left")

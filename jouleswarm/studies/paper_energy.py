@@ -10,7 +10,7 @@ from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
-from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
+from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of
 from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
 from jouleswarm.studies.columns import carbon_columns
 from jouleswarm.studies.estimates import Estimate, estimate
@@ -60,7 +60,7 @@ def energy_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList]
                 row = held.get(t0)
                 parts = (row.ml, row.fl, row.total) if row else (None, None, None)
                 cells = [cell for part in parts for cell in spread(part)]
-                counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm, tasks_of(facts)))
+                counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm))
                 printed = _printed(t0, pair)
                 told = (printed.ml_j, printed.total_j) if printed else (None, None)
                 grams = [
@@ -142,7 +142,7 @@ def break_even_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceL
                 found = costs(mean, pair.of(energy), prices)
                 tasks = break_even_tasks(found) if found else None
                 cells = tuple(found) if found else (None, None, None)
-                counted = (failures_of(facts, "", each, tasks_of(facts)) for each in (arm, PLAIN))
+                counted = (failures_of(facts, "", each) for each in (arm, PLAIN))
                 rows.append((*_head(pair, prices, t0), *cells, tasks, *(cell for pair_ in counted for cell in pair_)))
     headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "meta_j", "task_j", "plain_task_j", "break_even_tasks")
     return Table("Break-even", (*headings, "not_learned", "trials", "plain_not_learned", "plain_trials"), rows)
@@ -153,7 +153,7 @@ def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) 
     ml, fl, total = (estimate_text(part, 1e3) for part in (row.ml, row.fl, row.total))
     printed = _printed(row.t0, pair)
     told = f"{printed.total_j / 1e3:g}" if printed else None
-    not_learned = failures_text(*failures_of(facts, "", arm, tasks_of(facts)))
+    not_learned = failures_text(*failures_of(facts, "", arm))
     return row.t0, ml, fl, f"**{total}**" if best else total, not_learned, told
 
 

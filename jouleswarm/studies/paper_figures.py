@@ -14,6 +14,7 @@ from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import bars, new_figure
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
 from jouleswarm.studies.breakeven import MeanCounts, gain_map, mean_counts
@@ -21,7 +22,7 @@ from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.paper_energy import energy_rows, optimum
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, facts_of, runs_of
-from jouleswarm.studies.style import COLOURS, INK, META, PLAIN_COLOUR, points
+from jouleswarm.studies.style import COLOURS, META, PLAIN_COLOUR, points
 
 PAPER_T0 = 210
 _PAIR_COLOURS = (INK, "#D55E00")

@@ -27,12 +27,13 @@ from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
 from jouleswarm.report.notes import headline, notes, verdicts
-from jouleswarm.report.report import Run, load_run, report
+from jouleswarm.report.report import report
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.report.tables import bytes_table, causes_tables, rounds_table, sites_tables, totals_table
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.manifest import manifest
+from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.summary import summarise
 
 RUN = "many"

@@ -18,10 +18,11 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.notes import notes, verdicts
-from jouleswarm.report.report import load_run, print_report, report
+from jouleswarm.report.report import print_report, report
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import Column, closed_facts, columns
 from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
+from jouleswarm.runs.run import load_run
 from jouleswarm.runs.summary import summarise
 
 

@@ -65,7 +65,7 @@ def test_no_comparison_where_a_task_was_not_learned(write_run: Callable[..., Pat
 def test_what_a_budget_reached(run: Run) -> None:
     points = curves(run, Energy())
     table = budget_table(points, "2.7kJ")
-    # the stage costs 2370.32 J, then 163.52 J for a round of both clusters: two rounds; without, 15 rounds and 5 more; R is 27.5 and 18.3
+    # the stage costs 2370.32 J, then 163.52 J for a round of both clusters: two rounds, R is 27.5 and 18.3
     assert table.rows == [["maml", "2", "0%", "none", "22.9"], ["fl", "20", "100%", "1 2", "17.5"]]
     assert budget_table(points, "2 kJ").rows[0][3] == "not even its stage is paid for"
     # 120 gradients in the stage, 80 a round: task 1 is learned after 4
