@@ -64,7 +64,7 @@ _OF_PRICES = ("energy", "learned", "why")
 
 
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
-    """Draw all figures, and their curves as CSV, into RUN/figures; at other prices (`suffix`) those that these change."""
+    """Draw all figures, their curves as CSV too, into RUN/figures; at other prices (`suffix`) those that change."""
     folder = run.path / "figures"
     names = [name for name in _of(run) if not suffix or name in _OF_PRICES]
     drawn = ((name, partial(_FIGURES[name], run, energy)) for name in names)

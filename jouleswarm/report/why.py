@@ -19,7 +19,7 @@ from jouleswarm.report.arms import INK, colours, label, labels, method_label
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.report.format import joules_text
 from jouleswarm.report.table import Table
-from jouleswarm.runs.breakeven import comparable, savings
+from jouleswarm.runs.breakeven import comparable, savings_of
 from jouleswarm.runs.run import Run
 
 _MOST_PANELS = 3
@@ -52,7 +52,7 @@ def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> l
     """From how many tasks, or returns of a seen one, learning a model first pays; none without such an arm."""
     rows = []
     for arm in comparable(run):
-        found = savings(run, arm.name, BASELINE, with_beta(energy, run.facts[arm.name]), prices)
+        found = savings_of(run, arm.name, with_beta(energy, run.facts[arm.name]), prices)
         if found is not None:
             saved = (_signed(found.seen_j), _signed(found.unseen_j))
             until = (_count(tasks_to_pay(found)), _count(returns_to_pay(found)))

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.breakeven import returns_to_pay, tasks_to_pay
+from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of
-from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
+from jouleswarm.studies.breakeven import Compared, at_papers_sizes, compared
 from jouleswarm.studies.columns import carbon_columns
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
@@ -104,7 +106,8 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
     tables = []
     for pair in PAIRS:
         for prices in lists:
-            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}"
+            told = ": Table I's powers and times, bytes as counted" if prices is literal else ""
+            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}{told}"
             held = energy_rows(facts, energy, pair, prices)
             headings = (
                 "t0",
@@ -128,24 +131,43 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
     return tables
 
 
-def break_even_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Table:
-    """M*, the number of tasks beyond which meta-learning pays; inf where none is enough."""
+def break_even_csv(
+    facts: Sequence[Fact], energy: Energy, training: Sequence[int], lists: Sequence[PriceList] = PRICE_LISTS
+) -> Table:
+    """M*, the number of tasks beyond which meta-learning pays, and how often seen tasks must return; inf: never.
+
+    Over what was counted, and by the paper's batches and bytes throughout (`sizes`), for whose network Table I's times
+    are. The intervals are the middle 95% over seeds drawn again.
+    """
     rows: list[tuple[Cell, ...]] = []
-    arms = arms_by_t0(facts)
-    without = [fact for fact in facts if fact.arm == PLAIN]
     for pair in PAIRS:
         for prices in lists:
-            for t0, arm in arms.items():
-                if t0 == 0 or not without:
-                    continue
-                mean = mean_counts([fact for fact in facts if fact.arm == arm], without)
-                found = costs(mean, pair.of(energy), prices)
-                tasks = break_even_tasks(found) if found else None
-                cells = tuple(found) if found else (None, None, None)
-                counted = (failures_of(facts, "", each) for each in (arm, PLAIN))
-                rows.append((*_head(pair, prices, t0), *cells, tasks, *(cell for pair_ in counted for cell in pair_)))
-    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "meta_j", "task_j", "plain_task_j", "break_even_tasks")
-    return Table("Break-even", (*headings, "not_learned", "trials", "plain_not_learned", "plain_trials"), rows)
+            for sizes, view in (("counted", facts), ("paper", at_papers_sizes(facts, len(training)))):
+                for each in compared_arms(view, training):
+                    cells = _break_even(each, pair.of(energy), prices)
+                    counted = (failures_of(facts, "", arm) for arm in (each.arm, PLAIN))
+                    head = _head(pair, prices, each.t0)
+                    rows.append((*head, sizes, *cells, *(cell for pair_ in counted for cell in pair_)))
+    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "sizes", "stage_j", "seen_saved_j", "unseen_saved_j")
+    answers = ("plain_task_j", "break_even_tasks", "low95", "high95", "returns", "returns_low95", "returns_high95")
+    failed = ("not_learned", "trials", "plain_not_learned", "plain_trials")
+    return Table("Break-even", (*headings, *answers, *failed), rows)
+
+
+def compared_arms(facts: Sequence[Fact], training: Sequence[int]) -> list[Compared]:
+    """Every arm with a stage, with the one without beside it; none where that was not run."""
+    arms = arms_by_t0(facts)
+    return [compared(facts, arm, PLAIN, training) for t0, arm in arms.items() if t0] if 0 in arms else []
+
+
+def _break_even(each: Compared, energy: Energy, prices: PriceList) -> tuple[Cell, ...]:
+    found = each.means(energy, prices)
+    if found is None:
+        return (None,) * 10
+    answers: list[Cell] = []
+    for of in (tasks_to_pay, returns_to_pay):
+        answers += [of(found), *(each.between(of, energy, prices) or (None, None))]
+    return found.stage_j, found.seen_j, found.unseen_j, found.plain_j, *answers
 
 
 def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) -> tuple[Cell, ...]:

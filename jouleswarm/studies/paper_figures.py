@@ -17,16 +17,16 @@ from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import bars, new_figure
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
-from jouleswarm.studies.breakeven import MeanCounts, gain_map, mean_counts
+from jouleswarm.studies.breakeven import Compared, gain_map
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.paper_energy import energy_rows, optimum
+from jouleswarm.studies.paper_energy import compared_arms, energy_rows, optimum
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, facts_of, runs_of
 from jouleswarm.studies.style import COLOURS, META, PLAIN_COLOUR, points
 
 PAPER_T0 = 210
 _PAIR_COLOURS = (INK, "#D55E00")
-_MAP_TASKS, _MAP_RATIOS = (1.0, 200.0), (0.01, 100.0)
+_MAP_TASKS, _MAP_RATIOS = (1.0, 5000.0), (0.01, 100.0)
 _MAP_POINTS = 121
 
 
@@ -110,6 +110,7 @@ def figure_4b(facts: Sequence[Fact]) -> Figure:
 def break_even_figure(
     facts: Sequence[Fact],
     energy: Energy,
+    training: Sequence[int],
     sl_bit_per_j: float,
     t0: int | None = None,
     prices: PriceList = literal,
@@ -121,7 +122,7 @@ def break_even_figure(
     tasks = np.geomspace(*_MAP_TASKS, _MAP_POINTS)
     ratios = np.geomspace(*_MAP_RATIOS, _MAP_POINTS)
     here = energy.model_copy(update={"sl_bit_per_j": sl_bit_per_j})
-    found = np.log10(gain_map(_candidates(facts, t0), here, tasks, ratios, prices))
+    found = np.log10(gain_map(_candidates(facts, training, t0), here, tasks, ratios, prices))
     figure = new_figure(3.4)
     axes = figure.subplots()
     if np.isnan(found).any():
@@ -152,15 +153,13 @@ def shown_t0(facts: Sequence[Fact]) -> int:
     return PAPER_T0 if PAPER_T0 in measured else max(measured)
 
 
-def _candidates(facts: Sequence[Fact], t0: int | None) -> list[MeanCounts]:
-    without = [fact for fact in facts if fact.arm == PLAIN]
-    arms = {found: arm for found, arm in arms_by_t0(facts).items() if found and t0 in (None, found)}
-    if not arms:
-        raise StudyError(
-            f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''}, expected one; measured t0 are "
-            f"{', '.join(map(str, arms_by_t0(facts)))}"
-        )
-    return [mean_counts([fact for fact in facts if fact.arm == arm], without) for arm in arms.values()]
+def _candidates(facts: Sequence[Fact], training: Sequence[int], t0: int | None) -> list[Compared]:
+    if found := [each for each in compared_arms(facts, training) if t0 in (None, each.t0)]:
+        return found
+    raise StudyError(
+        f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''} beside one without, expected one; "
+        f"measured t0 are {', '.join(map(str, arms_by_t0(facts)))}"
+    )
 
 
 def _stage_estimates(

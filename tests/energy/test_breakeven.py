@@ -12,8 +12,8 @@ from jouleswarm.energy.breakeven import Savings, gain, returns_to_pay, tasks_to_
 def test_seen_tasks_come_first_and_the_others_save_less() -> None:
     # 3 seen tasks save 30 J of 130 J; 100 J are left for tasks that save 2 J: 50 more.
     assert tasks_to_pay(Savings(130, 10, 2, 3)) == 53
-    assert gain(Savings(130, 10, 2, 3), 53, plain_j=20) == pytest.approx(1)
-    assert gain(Savings(130, 10, 2, 3), 200, plain_j=20) == pytest.approx(4000 / (130 + 4000 - 30 - 394))
+    assert gain(Savings(130, 10, 2, 3, plain_j=20), 53) == pytest.approx(1)
+    assert gain(Savings(130, 10, 2, 3, plain_j=20), 200) == pytest.approx(4000 / (130 + 4000 - 30 - 394))
 
 
 def test_seen_tasks_alone_may_pay() -> None:

@@ -19,7 +19,7 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.report.budget import budget_table
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.why import breakeven_tables, uncertain_tables, why_tables
-from jouleswarm.runs.breakeven import savings
+from jouleswarm.runs.breakeven import savings_of
 from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.summary import summarise
@@ -38,9 +38,9 @@ def run(path: Path) -> Run:
 
 
 def test_what_learning_first_saved(run: Run) -> None:
-    found = savings(run, "maml", "fl", Energy(), literal)
+    found = savings_of(run, "maml", Energy(), literal)
     # saved: 6 x 81.76 J and 14 x 81.76 J, each less 0.4 J that went down to the task's robots; both tasks are seen
-    assert found == pytest.approx(Savings(2369.52, 817.2, 817.2, 2))
+    assert found == pytest.approx(Savings(2369.52, 817.2, 817.2, 2, 1226.4))
     (table,) = breakeven_tables(run, Energy())
     # 2 seen tasks save 1634.4 J of 2369.52 J: 2.9 tasks in all
     assert table.rows == [["MAML, t0 = 3", "2.37 kJ", "817.2 J", "817.2 J", "2", "3", "3"]]

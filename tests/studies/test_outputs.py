@@ -96,8 +96,9 @@ def test_break_even_is_infinite_where_adaptation_saves_nothing(tmp_path: Path, s
     facts = pair_of_arms("", 1, with_meta=30, without=20)
     record = Record(study="paper", profile="compact", scenario=scenario, seeds=(1,), t0=0)
     write_csv_tables(tmp_path, kind_of("paper").outputs(facts, record))
-    (found,) = rows_of(tmp_path / "breakeven.csv", ul_kb_per_j="200", prices="literal")
-    assert found["break_even_tasks"] == "inf"
+    found, papers = rows_of(tmp_path / "breakeven.csv", ul_kb_per_j="200", prices="literal")
+    assert (found["sizes"], papers["sizes"]) == ("counted", "paper")
+    assert found["break_even_tasks"] == papers["returns"] == "inf"
 
 
 def test_the_same_facts_make_the_same_files(made: Path, paper_results: Path) -> None:
@@ -250,8 +251,8 @@ def with_own_lists(scenario: Scenario) -> Scenario:
 def test_own_price_lists_are_in_every_table_and_figure_of_the_paper_study(tmp_path: Path, scenario: Scenario) -> None:
     record = Record(study="paper", profile="compact", scenario=with_own_lists(scenario), seeds=SEEDS, t0=0)
     written = {path.name for path in write_outputs(tmp_path, kind_of("paper").outputs(paper_facts(), record))}
-    for name, ratio in (("energy", ("ml_j", "fl_j", "total_j")), ("breakeven", ("meta_j", "plain_task_j"))):
-        (ours,), (its,) = (
+    for name, ratio in (("energy", ("ml_j", "fl_j", "total_j")), ("breakeven", ("stage_j", "plain_task_j"))):
+        (ours, *_), (its, *_) = (
             rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices=prices, t0="210")
             for prices in ("literal", "twice")
         )
