@@ -258,7 +258,7 @@ def test_own_price_lists_are_in_every_table_and_figure_of_the_paper_study(tmp_pa
         )
         assert [float(its[part]) / float(ours[part]) for part in ratio] == pytest.approx([2] * len(ratio), rel=1e-5)
         # Messages are not among the facts of a study.
-        (unknown,) = rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices="cellular", t0="210")
+        (unknown, *_) = rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices="cellular", t0="210")
         assert [unknown[part] for part in ratio] == [""] * len(ratio)
     text = (tmp_path / "energy.md").read_text()
     assert "### Energy (kJ), E_UL/E_SL = 200/500 kb/J, twice the equations" in text
