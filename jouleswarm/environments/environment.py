@@ -107,7 +107,7 @@ class TaskEnvironment:
 
     def guide(self) -> int:
         """The next action of a known good policy, counted from 0; only where `has_guide`."""
-        action = self._asked("guide", lambda: int(self._env.unwrapped.guide())) - self._first_action
+        action: int = self._asked("guide", lambda: int(self._env.unwrapped.guide())) - self._first_action
         if not 0 <= action < len(self.spaces.actions):
             raise RunError(f"{self._what}: guide() gave {action + self._first_action}, which is no action")
         return action
