@@ -16,12 +16,14 @@ from jouleswarm.common.scenario.arms import AnyMethod, Arm, arms_of
 from jouleswarm.common.scenario.crew import Crew
 from jouleswarm.common.scenario.edges import Edges, read_edges
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.scenario.sections import Bus
 
 CHANGES_NOTHING: dict[str, bool | set[str]] = {
     "name": True,
     "energy": True,
     "bus": True,
+    "measure": True,
     "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
 """Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for
@@ -37,6 +39,7 @@ class Scenario(Crew):
     )
     energy: Energy = Energy()
     bus: Bus = Bus()
+    measure: Measure = Measure()
     _prices_folder: Path | None = PrivateAttr(None)
 
     @field_validator("methods")

@@ -10,6 +10,7 @@ from pathlib import Path
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.figures import CAPTIONS, inline_svgs
 from jouleswarm.report.format import TextTable
+from jouleswarm.report.measured import measured_tables
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.tables import (
     bytes_table,
@@ -66,6 +67,7 @@ def page(run: Run, energy: Energy) -> str:
         _paragraphs(verdicts(run, energy), "verdict"),
         _table(totals_table(run, energy)),
         *map(_table, (*causes_tables(run, energy), *sites_tables(run, energy), *lost_tables(run, energy))),
+        *map(_table, measured_tables(run)),
         _table(rounds_table(run)),
         _table(rewards_table(run)),
         _table(bytes_table(run, energy)),

@@ -21,6 +21,7 @@ from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.format import TextTable
 from jouleswarm.report.html import write_html
+from jouleswarm.report.measured import measured_tables
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.tables import (
     bytes_table,
@@ -85,6 +86,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
         *causes_tables(run, energy),
         *sites_tables(run, energy),
         *lost_tables(run, energy),
+        *measured_tables(run),
         bytes_table(run, energy),
     ]
     for line in warnings(run):
