@@ -141,7 +141,7 @@ class Robot:
         """
         scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
         neighbourhood, energy = exchange.here, self._meter.energy
-        energy.enter(RowPhase.FL, arm.name)
+        energy.enter(RowPhase.FL, arm.name, "start")
         tally = self.explorer.tally = self._meter.tally(RowPhase.FL, arm.name, self.task)
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
@@ -153,6 +153,7 @@ class Robot:
         if end is not None:  # told anew, for it is not the last one any more; all go on together
             exchange.report(end.model_copy(update={"learned": None}))
             exchange.may_have_missed = False
+        energy.enter(RowPhase.FL, arm.name)
         while True:
             round_ += 1
             begun = time.monotonic()

@@ -103,7 +103,7 @@ class DataCenter:
     def train(self, method: str, checkpoint: Checkpoint) -> None:
         """Collect experience and train for t0 rounds, send models down, stay until all robots have them."""
         scenario, settings, energy = self.scenario, self.scenario.meta, self.bus.meter.energy
-        energy.enter(RowPhase.ML, method)
+        energy.enter(RowPhase.ML, method, "start")
         arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
         make = scenario.method(method)
         stage, experience = make.stage(scenario), TrainingExperience(scenario, checkpoint.folder)
@@ -113,6 +113,7 @@ class DataCenter:
         done, models = checkpoint.restore(training), checkpoint.models()
         collector.join(done)
         beta = stage.beta() if scenario.energy.beta == "measured" else None
+        energy.enter(RowPhase.ML, method)
         for round_ in range(done + 1, settings.t0 + 1):
             # One round ahead: robots move while the data center learns.
             collector.announce_wanted(round_, min(round_ + 1, settings.t0))
@@ -156,7 +157,7 @@ class DataCenter:
         """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
         scenario, energy = self.scenario, self.bus.meter.energy
         activity: Activity = "learning" if scenario.method(arm.method).sends == "experience" else "communication"
-        energy.enter(RowPhase.FL, arm.name)
+        energy.enter(RowPhase.FL, arm.name, "start")
         service = service_of(scenario, arm, checkpoint.folder, partial(self.bus.meter.tally, RowPhase.FL, arm.name))
         opened = 2 * scenario.arms.index(arm) + 1
         desk = ClusterDesk(self.listener, scenario, self.run, arm.name, service, done=opened + 1)
@@ -167,6 +168,7 @@ class DataCenter:
         desk.listen()
         # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
         self.identity.announce(opened)
+        energy.enter(RowPhase.FL, arm.name)
         while (turn := desk.next_round()) is not None:
             begun = time.monotonic()
             with energy.during(activity):

@@ -18,8 +18,8 @@ JOULES = "joules"
 
 Activity = Literal["start", "learning", "communication", "idle"]
 ACTIVITIES: tuple[Activity, ...] = ("start", "learning", "communication", "idle")
-"""Until the first arm; motions, gradients and evaluation; waiting for a message; all else: coding, sending, taking,
-mixing, remembering."""
+"""Until an arm's first round: joining, building networks; motions, gradients and evaluation; all else: coding, sending,
+taking, mixing, remembering; waiting for a message."""
 
 Clock = Callable[[], int]
 """Nanoseconds."""
@@ -64,17 +64,14 @@ class JouleMeter:
         self._settled = self._then[0]
         self._open: dict[str, list[int]] = defaultdict(lambda: [0, 0])  # since then: nanoseconds, of wall and CPU
 
-    def enter(self, phase: str, arm: str) -> None:
-        """From here on the process works for an arm's phase."""
-        self._go(f"{phase}/{arm}", "communication")
+    def enter(self, phase: str, arm: str, activity: Activity = "communication") -> None:
+        """From here on the process works for an arm's phase, and does this where nothing else is said."""
+        self._go(f"{phase}/{arm}", activity)
 
     @contextmanager
     def during(self, activity: Activity) -> Iterator[None]:
-        """What is done inside is that; before the first arm it is all one's start."""
+        """What is done inside is that."""
         before = self._activity
-        if self._processor is None or before == "start":
-            yield
-            return
         self._go(self._place, activity)
         try:
             yield

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rich.box import SIMPLE_HEAVY
+from rich.table import Table
+
 _NOTHING = "-"
 
 
@@ -15,6 +18,17 @@ class TextTable:
     headings: list[str]
     rows: list[list[str]]
     strong: frozenset[int] = frozenset()
+
+
+def rich_table(text: TextTable) -> Table:
+    """As it is shown on a terminal."""
+    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
+    for place, heading in enumerate(text.headings):
+        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
+    for number, row in enumerate(text.rows):
+        strong = number in text.strong
+        table.add_row(*row, style="bold" if strong else "", end_section=strong)
+    return table
 
 
 def joules_text(joules: float | None) -> str:

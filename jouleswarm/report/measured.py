@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from jouleswarm.common.meter.joules import ACTIVITIES
-from jouleswarm.report.format import TextTable, joules_text, number_text
+from jouleswarm.report.format import TextTable, number_text
 from jouleswarm.runs.measured import by_activity
 from jouleswarm.runs.run import Run
 
-_ROLES = {"datacenter": "data center", "robot": "robots"}
-_PHASES = {"": "start", "maml": "meta-learning", "fl": "clusters"}
+_ROLES = {"datacenter": "center", "robot": "robots"}
+_PHASES = {"": "start", "maml": "meta", "fl": "clusters"}
+_SHORT = {"communication": "comm."}
 
 
 def measured_tables(run: Run) -> list[TextTable]:
@@ -16,14 +17,17 @@ def measured_tables(run: Run) -> list[TextTable]:
     tables = []
     for how in dict.fromkeys(row.how for row in run.joules_rows):
         rows, held = [], [row for row in run.joules_rows if row.how == how]
-        for arm, phase in dict.fromkeys((row.arm, row.phase) for row in held):
-            for role, name in _ROLES.items():
-                found = [row for row in held if (row.arm, row.phase, row.role) == (arm, phase, role)]
-                if found:
-                    waited = sum(row.seconds for row in found if row.activity == "idle")
-                    spent = f"{number_text(sum(row.seconds for row in found))} ({number_text(waited)} idle)"
-                    joules = map(joules_text, by_activity(found).values())
-                    rows.append([f"{arm} {_PHASES[phase]}, {name}".strip(), *joules, spent])
-        headings = ["arm", *ACTIVITIES, "all", "process seconds"]
-        tables.append(TextTable(f"Measured joules ({how})", headings, rows))
+        for phase, arm, role in sorted({(row.phase, row.arm, row.role) for row in held}, key=_order):
+            found = [row for row in held if (row.phase, row.arm, row.role) == (phase, arm, role)]
+            joules = [number_text(each) for each in by_activity(found).values()]
+            waited = sum(row.seconds for row in found if row.activity == "idle")
+            spent = [number_text(sum(row.seconds for row in found)), number_text(waited)]
+            rows.append([f"{arm} {_PHASES[phase]}, {_ROLES[role]}".strip(), *joules, *spent])
+        activities = [_SHORT.get(each, each) for each in ACTIVITIES]
+        tables.append(TextTable(f"Measured joules ({how})", ["", *activities, "all", "seconds", "idle s"], rows))
     return tables
+
+
+def _order(place: tuple[str, str, str]) -> tuple[int, str, str]:
+    phase, arm, role = place
+    return list(_PHASES).index(phase), arm, role
