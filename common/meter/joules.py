@@ -81,7 +81,7 @@ class JouleMeter:
     def settle(self) -> None:
         """Book all until now."""
         if self._processor is not None:
-            self._settled = 0
+            self._settled -= _SETTLE_NS
             self._go(self._place, self._activity)
 
     def _go(self, place: str, activity: Activity) -> None:

@@ -42,7 +42,7 @@ def calibrate(
     from jouleswarm.common.process import use_one_thread
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.methods.calibration import calibrate as measured
-    from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, write_energy
+    from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, unsteady, write_energy
     from jouleswarm.report.format import rich_table
 
     settings = load_scenario(scenario, set_ or ())
@@ -53,6 +53,8 @@ def calibrate(
         work = bar.add_task(f"{role} on {device}", total=1.0)
         found = measured(settings, role, device, repeats, lambda part: bar.update(work, completed=part))
     console.print(rich_table(calibration_table(found, settings.name, device)))
+    if told := unsteady(found):
+        console.print(told, style="bold")
     lines = energy_lines(found, settings.name, device)
     if write is not None:
         write_energy(write, lines)

@@ -8,6 +8,7 @@ from pathlib import Path
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.host import machine
+from jouleswarm.common.scenario.documents import parse_toml
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import energy_file
 from jouleswarm.methods.calibration import ROBOT, Calibration
@@ -29,9 +30,8 @@ def calibration_table(found: Calibration, scenario: str, device: str) -> TextTab
         rows.append([p, f"{found.watts:.4g} W", found.how, f"{paper_w:g} W"])
     if found.beta is not None:
         rows.append(["beta", f"{found.beta:.3g}", "exact MAML, by time", f"{_TABLE_I.beta:g}"])
-    title = (
-        f"{found.role} on {device}: {scenario}, {found.parameters:,} parameters, {len(found.seconds)} batch gradients"
-    )
+    counted = f"{found.parameters:,} parameters, {len(found.seconds)} batch gradients"
+    title = f"{found.role} on {device}: {scenario}, {counted}"
     return TextTable(title, ["", "here", "how", "paper, Table I"], rows)
 
 
@@ -41,11 +41,15 @@ def energy_lines(found: Calibration, scenario: str, device: str) -> dict[str, st
     day = datetime.datetime.now(datetime.UTC).date()
     lines = {}
     for key, value in found.constants.items():
-        how = (
-            found.how if key.endswith("_w") else f"median of {len(found.seconds)}" if key.endswith("_s") else "by time"
-        )
+        how = found.how if key.endswith("_w") else "measured"
         lines[key] = f"{key} = {value:g}  # {how}; {scenario} on {where}, {day}"
     return lines
+
+
+def unsteady(found: Calibration) -> str:
+    """What to tell of gradients that took very different times; "" of others."""
+    first, third = found.quartiles_s
+    return "seconds differ much: something else computes here; calibrate again when it is over" * (third > 1.5 * first)
 
 
 def check_writable(path: Path | None) -> None:
@@ -64,12 +68,14 @@ def write_energy(path: Path, lines: dict[str, str]) -> None:
     """Put lines into the table [energy] of a file, which may not be there yet; its other lines stay.
 
     Raises:
-        ConfigurationError: what is there has a value of several lines, so that nothing can be put in; it stays.
+        ConfigurationError: what is there is not written line by line below [energy]; it stays.
         RunError: it cannot be written.
     """
     before = path.read_text(encoding="utf-8") if path.exists() else "[energy]\n"
     kept = [line for line in before.splitlines() if line.partition("=")[0].strip() not in lines]
     text = "\n".join([*kept, *lines.values()]) + "\n"
+    if set(lines) - set(parse_toml(text).get("energy", {})):
+        raise ConfigurationError(f"--write {path}: expected a line [energy] and one line a constant below it")
     write_whole(path, text.encode(), durable=False)
 
 
