@@ -53,7 +53,7 @@ def calibrate(
         work = bar.add_task(f"{role} on {device}", total=1.0)
         found = measured(settings, role, device, repeats, lambda part: bar.update(work, completed=part))
     console.print(rich_table(calibration_table(found, settings.name, device)))
-    if told := unsteady(found):
+    if told := unsteady(found, device):
         console.print(told, style="bold")
     lines = energy_lines(found, settings.name, device)
     if write is not None:

@@ -45,6 +45,8 @@ class Calibration:
     """It was had."""
     beta: float | None
     """Of the data center."""
+    cpu_share: float = 1.0
+    """Of the seconds in which this process had a core."""
 
     @property
     def batch_s(self) -> float:
@@ -88,13 +90,13 @@ def calibrate(scenario: Scenario, role: str, device: str, repeats: int, told: To
     share = 0.5 if role == DATACENTER else 1.0
     for _ in range(_WARM_UP):
         _seconds(gradient, wait)
-    seconds, joules, how = _drawn(
+    seconds, joules, how, cpu_share = _drawn(
         scenario.measure, lambda: _seconds(gradient, wait), repeats, device, lambda part: told(share * part)
     )
     beta = None
     if role == DATACENTER:
         beta = _beta(scenario, place, wait, max(3, repeats // 3), lambda part: told(share + share * part))
-    return Calibration(role, parameters, tuple(seconds), joules, how, beta)
+    return Calibration(role, parameters, tuple(seconds), joules, how, beta, cpu_share)
 
 
 def _gradient(scenario: Scenario, role: str, device: torch.device) -> tuple[Call, int]:
@@ -113,20 +115,21 @@ def _gradient(scenario: Scenario, role: str, device: torch.device) -> tuple[Call
 
 def _drawn(
     settings: Measure, sample: Callable[[], float], repeats: int, device: str, told: Told
-) -> tuple[list[float], float | None, str]:
-    """Seconds of each of `repeats` gradients or more, mean joules of one, and how these were had."""
+) -> tuple[list[float], float | None, str, float]:
+    """Seconds of each of `repeats` gradients or more, mean joules of one, how these were had, and the share of CPU."""
     counter, card = processor(settings), gpu(accelerator_uuid()) if device == "cuda" else None
     counter.joules(0.0)
     begun, cpu, seconds = time.perf_counter(), time.process_time(), list[float]()
     while len(seconds) < repeats or time.perf_counter() - begun < _WINDOW_S:
         seconds.append(sample())
         told(min(1.0, len(seconds) / repeats, (time.perf_counter() - begun) / _WINDOW_S))
-    joules = counter.joules(time.process_time() - cpu)
+    cpu_s = time.process_time() - cpu
+    joules, share = counter.joules(cpu_s), cpu_s / (time.perf_counter() - begun)
     if device == "cpu":
-        return seconds, joules / len(seconds), counter.how
+        return seconds, joules / len(seconds), counter.how, share
     if card is None:
-        return seconds, None, "the GPU's counter cannot be read"
-    return seconds, (joules + card.joules()) / len(seconds), f"{card.how} + {counter.how}"
+        return seconds, None, "the GPU's counter cannot be read", share
+    return seconds, (joules + card.joules()) / len(seconds), f"{card.how} + {counter.how}", share
 
 
 def _beta(scenario: Scenario, device: torch.device, wait: Call, repeats: int, told: Told) -> float:

@@ -15,6 +15,7 @@ from jouleswarm.methods.calibration import ROBOT, Calibration
 from jouleswarm.report.format import TextTable
 
 _TABLE_I = Energy()
+_ALONE = 0.9
 
 
 def calibration_table(found: Calibration, scenario: str, device: str) -> TextTable:
@@ -46,10 +47,10 @@ def energy_lines(found: Calibration, scenario: str, device: str) -> dict[str, st
     return lines
 
 
-def unsteady(found: Calibration) -> str:
-    """What to tell of gradients that took very different times; "" of others."""
-    first, third = found.quartiles_s
-    return "seconds differ much: something else computes here; calibrate again when it is over" * (third > 1.5 * first)
+def unsteady(found: Calibration, device: str) -> str:
+    """What to tell of a process that had to wait for a core; "" of others."""
+    told = f"something else computes here: this process had a core {found.cpu_share:.0%} of the time; calibrate again"
+    return told * (device == "cpu" and found.cpu_share < _ALONE)
 
 
 def check_writable(path: Path | None) -> None:

@@ -40,10 +40,8 @@ def drawn(client: str, activity: str, joules: float, how: str = "rapl") -> Joule
 
 def recorded(scenario: Scenario, path: Path, reports: dict[str, list[JoulesRow]], state: Path) -> Recorder:
     hub = MemoryHub()
-    recorder, others = (
-        Recorder(hub.connect("recorder"), scenario, RUN, RunDirectory(path), state),
-        hub.connect("others"),
-    )
+    recorder = Recorder(hub.connect("recorder"), scenario, RUN, RunDirectory(path), state)
+    others = hub.connect("others")
     for client, joules in reports.items():
         report = MeterReport(client=client, rows=[], rounds=[], joules=joules)
         others.publish(topics.meter_report(RUN, client), encode_json(report))
