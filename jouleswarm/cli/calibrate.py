@@ -30,9 +30,9 @@ def calibrate(
     jouleswarm run quick --energy energy.toml
     jouleswarm report runs/RUN --energy energy.toml     # a run that is over; nothing is trained again
 
-    Seconds are medians, after a warm-up, in one thread. Joules are read from RAPL and NVML where they can be; else
-    they are estimated as CPU time x share x TDP / cores, and the line says so: --set measure.tdp_w=15 --set
-    measure.cores=4 tells what this processor has. Other work on the machine spoils both.
+    Seconds are medians, after a warm-up; of a processor in one thread and by CPU time, so that other work on the
+    machine does not count. Joules are read from RAPL and NVML where they can be; else they are estimated as CPU time x
+    share x TDP / cores, and the line says so: --set measure.tdp_w=15 --set measure.cores=4 tells what it has.
     """
     import sys
 
@@ -42,7 +42,7 @@ def calibrate(
     from jouleswarm.common.process import use_one_thread
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.methods.calibration import calibrate as measured
-    from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, unsteady, write_energy
+    from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, write_energy
     from jouleswarm.report.format import rich_table
 
     settings = load_scenario(scenario, set_ or ())
@@ -53,8 +53,6 @@ def calibrate(
         work = bar.add_task(f"{role} on {device}", total=1.0)
         found = measured(settings, role, device, repeats, lambda part: bar.update(work, completed=part))
     console.print(rich_table(calibration_table(found, settings.name, device)))
-    if told := unsteady(found, device):
-        console.print(told, style="bold")
     lines = energy_lines(found, settings.name, device)
     if write is not None:
         write_energy(write, lines)

@@ -45,8 +45,6 @@ class Calibration:
     """It was had."""
     beta: float | None
     """Of the data center."""
-    cpu_share: float = 1.0
-    """Of the seconds in which this process had a core."""
 
     @property
     def batch_s(self) -> float:
@@ -85,18 +83,18 @@ def calibrate(scenario: Scenario, role: str, device: str, repeats: int, told: To
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigurationError("--device cuda: PyTorch finds no such device here; expected cpu")
     place = torch.device(device)
-    wait: Call = torch.cuda.synchronize if device == "cuda" else lambda: None
+    wait: Call | None = torch.cuda.synchronize if device == "cuda" else None
     gradient, parameters = _gradient(scenario, role, place)
     share = 0.5 if role == DATACENTER else 1.0
     for _ in range(_WARM_UP):
         _seconds(gradient, wait)
-    seconds, joules, how, cpu_share = _drawn(
+    seconds, joules, how = _drawn(
         scenario.measure, lambda: _seconds(gradient, wait), repeats, device, lambda part: told(share * part)
     )
     beta = None
     if role == DATACENTER:
         beta = _beta(scenario, place, wait, max(3, repeats // 3), lambda part: told(share + share * part))
-    return Calibration(role, parameters, tuple(seconds), joules, how, beta, cpu_share)
+    return Calibration(role, parameters, tuple(seconds), joules, how, beta)
 
 
 def _gradient(scenario: Scenario, role: str, device: torch.device) -> tuple[Call, int]:
@@ -115,24 +113,23 @@ def _gradient(scenario: Scenario, role: str, device: torch.device) -> tuple[Call
 
 def _drawn(
     settings: Measure, sample: Callable[[], float], repeats: int, device: str, told: Told
-) -> tuple[list[float], float | None, str, float]:
-    """Seconds of each of `repeats` gradients or more, mean joules of one, how these were had, and the share of CPU."""
+) -> tuple[list[float], float | None, str]:
+    """Seconds of each of `repeats` gradients or more, mean joules of one, and how these were had."""
     counter, card = processor(settings), gpu(accelerator_uuid()) if device == "cuda" else None
     counter.joules(0.0)
     begun, cpu, seconds = time.perf_counter(), time.process_time(), list[float]()
     while len(seconds) < repeats or time.perf_counter() - begun < _WINDOW_S:
         seconds.append(sample())
         told(min(1.0, len(seconds) / repeats, (time.perf_counter() - begun) / _WINDOW_S))
-    cpu_s = time.process_time() - cpu
-    joules, share = counter.joules(cpu_s), cpu_s / (time.perf_counter() - begun)
+    joules = counter.joules(time.process_time() - cpu)
     if device == "cpu":
-        return seconds, joules / len(seconds), counter.how, share
+        return seconds, joules / len(seconds), counter.how
     if card is None:
-        return seconds, None, "the GPU's counter cannot be read", share
-    return seconds, (joules + card.joules()) / len(seconds), f"{card.how} + {counter.how}", share
+        return seconds, None, "the GPU's counter cannot be read"
+    return seconds, (joules + card.joules()) / len(seconds), f"{card.how} + {counter.how}"
 
 
-def _beta(scenario: Scenario, device: torch.device, wait: Call, repeats: int, told: Told) -> float:
+def _beta(scenario: Scenario, device: torch.device, wait: Call | None, repeats: int, told: Told) -> float:
     exact, first_order, inner, query = meta_gradients(scenario, device=device)
     pairs = []
     for done in range(repeats + 1):
@@ -143,9 +140,12 @@ def _beta(scenario: Scenario, device: torch.device, wait: Call, repeats: int, to
     return Cost(inner, query, exact_s, first_order_s, 0, 0).beta_time
 
 
-def _seconds(call: Call, wait: Call) -> float:
-    wait()
-    begun = time.perf_counter()
+def _seconds(call: Call, wait: Call | None) -> float:
+    """`wait`: for the GPU to be done. Without one by CPU time: what one thread takes where nobody else computes."""
+    clock = time.process_time if wait is None else time.perf_counter
+    ready = wait or (lambda: None)
+    ready()
+    begun = clock()
     call()
-    wait()
-    return time.perf_counter() - begun
+    ready()
+    return clock() - begun

@@ -15,7 +15,6 @@ from jouleswarm.methods.calibration import ROBOT, Calibration
 from jouleswarm.report.format import TextTable
 
 _TABLE_I = Energy()
-_ALONE = 0.9
 
 
 def calibration_table(found: Calibration, scenario: str, device: str) -> TextTable:
@@ -45,12 +44,6 @@ def energy_lines(found: Calibration, scenario: str, device: str) -> dict[str, st
         how = found.how if key.endswith("_w") else "measured"
         lines[key] = f"{key} = {value:g}  # {how}; {scenario} on {where}, {day}"
     return lines
-
-
-def unsteady(found: Calibration, device: str) -> str:
-    """What to tell of a process that had to wait for a core; "" of others."""
-    told = f"something else computes here: this process had a core {found.cpu_share:.0%} of the time; calibrate again"
-    return told * (device == "cpu" and found.cpu_share < _ALONE)
 
 
 def check_writable(path: Path | None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from jouleswarm.cli import main as cli
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import energy_file, load_scenario
 from jouleswarm.methods.calibration import Calibration
-from jouleswarm.report.calibration import calibration_table, energy_lines, unsteady, write_energy
+from jouleswarm.report.calibration import calibration_table, energy_lines, write_energy
 
 Call = Callable[..., tuple[int, str, str]]
 TINY = ("--set", "network.dense=[4]", "--set", "network.conv=[[2,8,4]]", "--repeats", "3")
@@ -79,9 +78,6 @@ def test_constants_are_the_median_and_the_power_that_makes_a_batchs_joules_of_it
     found = Calibration("robot", 10, (0.2, 0.4, 0.3, 0.5, 0.9), joules=2.0, how="rapl", beta=None)
     assert found.constants == {"tk_batch_s": 0.4, "pk_w": 5.0}  # 0.4 s x 5 W = 2 J
     assert found.quartiles_s == pytest.approx((0.3, 0.5))
-    assert unsteady(found, "cpu") == ""
-    assert "had a core 25% of the time" in unsteady(replace(found, cpu_share=0.25), "cpu")
-    assert unsteady(replace(found, cpu_share=0.25), "cuda") == ""
     lines = energy_lines(found, "quick", "cpu")
     assert lines["pk_w"].startswith("pk_w = 5  # rapl; quick on ")
     assert [row[0] for row in calibration_table(found, "quick", "cpu").rows] == ["tk_batch_s", "joules a batch", "pk_w"]
