@@ -131,7 +131,8 @@ class Membership:
 
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""
-        self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
+        with self._bus.meter.energy.during("communication"):
+            self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
 
     def see_off(self, done: int) -> None:
         """Where no recorder keeps in mind who is done, wait until the neighbours know that nobody needs them either.

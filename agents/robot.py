@@ -46,6 +46,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
             is waited for does not come.
         TrainingError: a loss is not finite, or what a method returns is no model.
     """
+    bus.meter.measure(scenario.measure)
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
@@ -120,13 +121,15 @@ class Robot:
         """Send experience up while the data center asks for it; return the model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
+        self._meter.energy.enter(RowPhase.ML, method)
         self.explorer.tally = self._meter.tally(RowPhase.ML, method, self.task)
         if self.agent in self.scenario.training_agents.get(self.task, ()):
             while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
                     begun = time.monotonic()
-                    for payload in self.explorer.motions(round_):
-                        self.meta.publish_motion(method, payload)
+                    with self._meter.energy.during("learning"):
+                        for payload in self.explorer.motions(round_):
+                            self.meta.publish_motion(method, payload)
                     sent.add(round_)
                     self.exchange.report(self._row(RowPhase.ML, method, round_, begun))
         return start_of(self.meta.await_model(arm, t0), self.task)
@@ -137,7 +140,8 @@ class Robot:
         `end`: the row that was the last one when there were fewer rounds.
         """
         scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
-        neighbourhood = exchange.here
+        neighbourhood, energy = exchange.here, self._meter.energy
+        energy.enter(RowPhase.FL, arm.name, "start")
         tally = self.explorer.tally = self._meter.tally(RowPhase.FL, arm.name, self.task)
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
@@ -149,11 +153,13 @@ class Robot:
         if end is not None:  # told anew, for it is not the last one any more; all go on together
             exchange.report(end.model_copy(update={"learned": None}))
             exchange.may_have_missed = False
+        energy.enter(RowPhase.FL, arm.name)
         while True:
             round_ += 1
             begun = time.monotonic()
-            gradients = way.learn(round_)
-            reward, measures = self.explorer.evaluate(way.policy)
+            with energy.during("learning"):
+                gradients = way.learn(round_)
+                reward, measures = self.explorer.evaluate(way.policy)
             ledger.record(self.agent, round_, reward)
             way.meet(round_)
             cluster_reward = ledger.cluster_reward(round_)

@@ -50,7 +50,7 @@ def check_report(report: MeterReport, client: str, expected: Sequence[str], scen
     if report.client != client or client not in expected:
         raise PayloadError(f"counters of {report.client} on the topic of {client}, expected one of {expected}")
     whose = {("client", report.client), *((row.side, row.client) for row in report.rows)}
-    whose |= {("client", row.client) for row in report.work}
+    whose |= {("client", row.client) for row in report.work} | {("client", row.client) for row in report.joules}
     if len(whose) > 1:
         raise PayloadError(f"counters of {sorted(whose)} on the topic of {client}, expected its own")
     for row in report.rounds:

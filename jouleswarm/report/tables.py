@@ -11,6 +11,7 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text, grams_text, joules_text, number_text
+from jouleswarm.report.measured import measured_tables
 from jouleswarm.report.table import Table
 from jouleswarm.report.why import breakeven_tables, uncertain_tables
 from jouleswarm.runs.arm_facts import control_facts
@@ -29,6 +30,7 @@ def report_tables(run: Run, energy: Energy) -> list[Table]:
         *causes_tables(run, energy),
         *sites_tables(run, energy),
         *lost_tables(run, energy),
+        *measured_tables(run),
         *breakeven_tables(run, energy),
         *uncertain_tables(run, energy),
         rounds_table(run),

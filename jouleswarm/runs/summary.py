@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.arms import Arm
@@ -25,6 +26,7 @@ from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.facts import meta_rounds, task_results
 from jouleswarm.runs.lost_work import lost_motions, lost_work
+from jouleswarm.runs.measured import by_role
 from jouleswarm.runs.traffic import metered_by, traffic
 
 SCHEMA = 2
@@ -41,6 +43,7 @@ def summarise(
     tasks: Iterable[int] | None = None,
     *,
     work_rows: Iterable[WorkRow] = (),
+    joules_rows: Sequence[JoulesRow] = (),
     status: Literal["complete", "interrupted", "failed"] = "complete",
     source: str = "",
 ) -> dict[str, Any]:
@@ -60,6 +63,7 @@ def summarise(
         "counters_fit": None if balance is None else not balance.broken,
         "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted, own) for arm in scenario.arms},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
+        **({"measured_j": by_role(joules_rows)} if joules_rows else {}),
     }
 
 
