@@ -163,7 +163,9 @@ def test_undisturbed_every_gradient_and_motion_that_was_done_is_in_a_row(toy_run
         agent = 0 if client == "datacenter" else int(client.removeprefix("agent-"))
         mine = [row for row in rows if (row["agent"], row["phase"], row["arm"]) == (agent, phase, arm)]
         assert work["gradients"] + work["gradients_query"] == sum(row["gradients"] for row in mine)
-        assert work["motions"] == (10 * len(mine) if agent else 0)  # learning.motions_per_round
+        assert work["motions"] == sum(row["motions"] or 0 for row in mine)
+        assert work["motions"] == (10 * sum(row["round"] > 0 for row in mine) if agent else 0)  # motions_per_round
+        assert work["evaluation_motions"] == sum(row["evaluation_motions"] or 0 for row in mine)
     assert {(row["agent"], row["phase"], row["arm"]) for row in rows} == {
         (0 if client == "datacenter" else int(client.removeprefix("agent-")), phase, arm) for client, phase, arm in done
     }
