@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from jouleswarm.common.meter.counters import Cell, Counters, Key, read_counters
 from jouleswarm.common.meter.joules import JOULES, Clock, JouleMeter, JoulesRow, joules_rows
 from jouleswarm.common.meter.power import gpu, processor, told
-from jouleswarm.common.meter.work import WORK, Phase, Tally, WorkRow, work_key, work_rows
+from jouleswarm.common.meter.work import EVALUATION, WORK, Phase, Tally, WorkRow, work_keys, work_rows
 from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
 
@@ -103,7 +103,7 @@ class Meter:
     def tally(self, phase: Phase, arm: str, task: int) -> Tally:
         """Where the process books what it computes and moves there; kept as the bytes are."""
         with self._lock:
-            return Tally(self._counters.cell(work_key(phase, arm, task)))
+            return Tally(*map(self._counters.cell, work_keys(phase, arm, task)))
 
     def work(self, client: str) -> list[WorkRow]:
         """What `client`, whose meter this is, has done."""
@@ -137,7 +137,7 @@ def rows_of(side: Side, items: Iterable[tuple[Key, Sequence[int]]]) -> list[Mete
     return [
         MeterRow.of(side, client, topic, cast(Direction, direction), counts)
         for (client, topic, direction), counts in items
-        if counts[0] and direction not in (WORK, JOULES)
+        if counts[0] and direction not in (WORK, EVALUATION, JOULES)
     ]
 
 

@@ -24,7 +24,7 @@ from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, pric
 from jouleswarm.energy.published import published
 from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
-from jouleswarm.runs.facts import meta_rounds, task_results
+from jouleswarm.runs.facts import meta_rounds, task_results, zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions, lost_work
 from jouleswarm.runs.measured import by_role
 from jouleswarm.runs.traffic import metered_by, traffic
@@ -114,11 +114,12 @@ def _arm_summary(
     done = arm_facts(scenario, rows, meter_rows, arm.name, lost=lost)
     kept = arm_facts(scenario, rows, meter_rows, arm.name) if lost else done
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
-    cost = bill(done.counts, energy).both
+    cost, results = bill(done.counts, energy).both, task_results(scenario, rows, arm.name, tasks)
     return {
         "method": arm.method,
         "t0": done.t0,
-        "tasks": [asdict(result) for result in task_results(scenario, rows, arm.name, tasks)],
+        "tasks": [asdict(result) for result in results],
+        "zero_shot_share": zero_shot_share(results) if results else None,
         "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
         "energy_j": {
             "literal": bill_parts(literal.price(done, energy), metered),
