@@ -95,7 +95,7 @@ def _round(scenario: Scenario) -> Facts:
     task = scenario.tasks[0].id
     size, edges = scenario_sizes(scenario).weights_bytes, task_graph(scenario, task).edges
     pairs = [pair for one, other in edges for pair in ((one, other), (other, one))]
-    flows = [Flow("fl", task, Link.SIDELINK, *map(client_of, pair), 1, size, size) for pair in pairs]
+    flows = [Flow("fl", task, Link.SIDELINK, client_of(one), client_of(other), 1, size, size) for one, other in pairs]
     sent = [Flow("fl", task, Link.SIDELINK, client_of(robot), "", 1, size, size) for robot in scenario.cluster(task)]
     return Facts("", "fl", 0, {}, known_flows=tuple(flows), known_work=(), known_sent=tuple(sent))
 
