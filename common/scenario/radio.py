@@ -44,7 +44,7 @@ class Frames(Section):
     receive_j_per_frame: Joules | None = Field(None, description="of receiving one; default as of sending")
     transmit_w: Watts = Field(0.8066, description="while a frame is on the air")
     receive_w: Watts = Field(0.0634, description="the same of a receiver")
-    bit_per_s: BitRate = Field(48e6, description="on the air, where energy.links tells no rate")
+    bit_per_s: BitRate = Field(48e6, description="on the air, where energy tells no rate of the link")
     preamble_s: Duration = Field(20e-6, description="on the air before each frame")
     segment_bytes: _FrameBytes = Field(1448, description="TCP's MSS: 1500 less 52 of IP and TCP with timestamps")
     header_bytes: _FrameBytes = Field(88, description="a frame's own: those 52, 8 of LLC, 28 of the MAC")
