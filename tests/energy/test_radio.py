@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.links import LinkConstants
 from jouleswarm.common.scenario.radio import Distance, Frames, RadioStates
 from jouleswarm.common.scenario.reading import load_scenario, with_prices
 from jouleswarm.common.scenario.robots import Robot
@@ -20,6 +21,7 @@ from jouleswarm.energy.distance import bit_per_s, distance, snr_db
 from jouleswarm.energy.facts import Facts, Flow, Work
 from jouleswarm.energy.frames import frames
 from jouleswarm.energy.items import LinkModel, items
+from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import own_lists, price, price_lists
 from jouleswarm.energy.radio_states import burst_j, bursts, radio_states
 from jouleswarm.energy.repricing import reprice
@@ -74,6 +76,13 @@ def test_via_the_base_station_a_message_goes_up_once_and_gamma_is_on_what_the_st
     cost = _cost(distance, _energy(sidelink="via_base_station"), side, sent=[side._replace(receiver="")])
     assert cost.sidelink_robots_j == pytest.approx(0.5e-3 + 0.2e-3)  # 1 sends up, 2 receives
     assert cost.sidelink_datacenter_j == pytest.approx(2 * 0.2e-3 + 2 * 0.5e-3)
+
+
+def test_what_nobody_knows_who_sent_has_no_bill_by_links() -> None:
+    control = _facts([_flow(Link.DOWNLINK, 0, 1, 125)._replace(sender="")])
+    table = Energy(links="links.csv").for_fleet([], {(1, 2): LinkConstants(bit_per_j=1.0)})
+    assert [price(each, control, _energy()) for each in (distance, frames, radio_states)] == [None] * 3
+    assert price(literal, control, table) is None
 
 
 def test_a_fixed_energy_a_frame_makes_small_messages_dear() -> None:
