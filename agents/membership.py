@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
 from jouleswarm.agents.absence import Absence
@@ -26,11 +25,6 @@ from jouleswarm.methods.graph import Neighbourhood
 log = logging.getLogger("jouleswarm.agent")
 
 Arrived = dict[int, tuple[Weights, ModelHeader]]
-
-
-def names(agents: Sequence[int]) -> list[str]:
-    """Plain names of robots on the bus."""
-    return [f"agent-{agent}" for agent in agents]
 
 
 class Membership:
@@ -127,7 +121,7 @@ class Membership:
                 self._check_stage(each, reached, stage)
             return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
 
-        self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
+        self._listener.until_none_is(behind, "robots {} to come")
 
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from jouleswarm.agents.peers import Arrived, Exchange
+from jouleswarm.agents.membership import Arrived
+from jouleswarm.agents.peers import Exchange
 from jouleswarm.agents.served import ServerLink
 from jouleswarm.codecs.codec import share_of
 from jouleswarm.common.disk.state import State

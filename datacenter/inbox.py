@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
 
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
@@ -14,11 +13,6 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, Wait, decode_json
 
 log = logging.getLogger("jouleswarm.datacenter")
-
-
-def names(agents: Iterable[int]) -> list[str]:
-    """Plain names of robots on the bus."""
-    return [f"agent-{agent}" for agent in agents]
 
 
 class Desk:

@@ -27,7 +27,7 @@ from jouleswarm.methods.contract import read_only, unfit
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import ClusterRound, Method, Update
 
-Arrived = tuple[Tensors, ModelHeader]
+Arrived = tuple[Weights, ModelHeader]
 
 
 def service_of(scenario: Scenario, arm: Arm, folder: Path | None = None, tally: TallyOf = nobody) -> Service[Any]:
@@ -64,7 +64,7 @@ class WeightsService:
         """See `datacenter.cluster_rounds.Service`."""
         return 1
 
-    def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Arrived]:
+    def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, tuple[Tensors, ModelHeader]]:
         """A robot's weights of a round, not decoded yet: that is done in the order of rounds.
 
         Raises:
@@ -78,9 +78,14 @@ class WeightsService:
             )
         return header.round, 0, (tensors, header)
 
+    def opened(self, agent: int, contents: list[tuple[Tensors, ModelHeader]]) -> Arrived:
+        """See `datacenter.cluster_rounds.Service`."""
+        ((tensors, header),) = contents
+        return self._decoders[agent].decode(tensors), header
+
     def model(self, turn: Turn[Arrived]) -> tuple[bytes, int]:
         """The cluster's model as payload, and the batch gradients that it took."""
-        arrived = {agent: parts[0] for agent, parts in sorted(turn.arrived.items())}
+        arrived = dict(sorted(turn.arrived.items()))
         headers, ledger = [header for _, header in arrived.values()], self._ledgers[turn.task]
         for header in headers:
             ledger.merge(header.rewards)
@@ -93,8 +98,8 @@ class WeightsService:
             rewards=ledger.newest(),
         )
         updates = {
-            agent: Update(read_only(self._decoders[agent].decode(tensors)), theirs.samples, turn.round)
-            for agent, (tensors, theirs) in arrived.items()
+            agent: Update(read_only(weights), theirs.samples, turn.round)
+            for agent, (weights, theirs) in arrived.items()
         }
         batches = sum(map(self._scenario.batches, updates))
         round_ = ClusterRound(turn.task, turn.round, updates, batches=batches)
@@ -164,7 +169,11 @@ class ExperienceService:
             )
         return header.round, header.motion, motion
 
-    def model(self, turn: Turn[Motion]) -> tuple[bytes, int]:
+    def opened(self, agent: int, contents: list[Motion]) -> list[Motion]:
+        """See `datacenter.cluster_rounds.Service`."""
+        return contents
+
+    def model(self, turn: Turn[list[Motion]]) -> tuple[bytes, int]:
         """The task's model after this round's steps as payload, and the batch gradients computed."""
         learner = self._learners[turn.task]
         for _, motions in sorted(turn.arrived.items()):

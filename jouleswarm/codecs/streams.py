@@ -74,8 +74,12 @@ class WeightsDecoder:
         Raises:
             PayloadError: differences to a model that never came, or no model comes of them.
         """
-        self._public = decoded(self._codec, tensors, self._shapes, self._public)
-        return self._public
+        self.rebase(public := self.decoded(tensors))
+        return public
+
+    def decoded(self, tensors: Tensors) -> Weights:
+        """The same, not held: what is decoded next builds on what was before."""
+        return decoded(self._codec, tensors, self._shapes, self._public)
 
     def rebase(self, public: Weights) -> None:
         """See `WeightsEncoder.rebase`."""

@@ -68,7 +68,7 @@ class Robots:
 
 
 def answer(server: WeightsService, round_: int, said: dict[int, bytes]) -> bytes:
-    arrived = {robot: [server.read(payload, 1, robot)[2]] for robot, payload in said.items()}
+    arrived = {robot: server.opened(robot, [server.read(payload, 1, robot)[2]]) for robot, payload in said.items()}
     return server.model(Turn(1, round_, arrived))[0]
 
 
