@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jouleswarm.agents.peers import Exchange
 from jouleswarm.common.bus.bus import Message
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import Stateful, Together
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Episode, ModelHeader, RoundRequest, decode_json, encode_json
@@ -65,15 +65,10 @@ class ServerLink:
         self._exchange.await_round(round_, self._episodes.missing, "episodes of round {round}", topics.resend)
         return self._episodes.take()
 
-    def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
-        return State.of({"decoder": self._decoder.state(), "link": State(values={"taken": self._models.done})})
-
-    def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
-        self._decoder.load_state(state.part("decoder"))
-        for rounds in (self._models, self._episodes):
-            rounds.go_to(state.part("link").values["taken"])
+    @property
+    def kept(self) -> Stateful:
+        """What is kept of it after a round."""
+        return Together({"decoder": self._decoder, "models": self._models, "episodes": self._episodes})
 
     def _decoded(self, _: int, word: list[tuple[Tensors, ModelHeader]]) -> Model:
         ((tensors, header),) = word

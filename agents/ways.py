@@ -114,7 +114,7 @@ class ByWeights:
 
     @property
     def kept(self) -> dict[str, Stateful]:
-        return {"learner": self._learner, "partners": self._partners}
+        return {"learner": self._learner, "partners": self._partners.kept}
 
 
 class ByExperience:
@@ -154,4 +154,4 @@ class ByExperience:
 
     @property
     def kept(self) -> dict[str, Stateful]:
-        return {"policy": self.policy, "link": self._link, "method": self._here.method}
+        return {"policy": self.policy, "link": self._link.kept, "method": self._here.method}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -10,7 +11,7 @@ import numpy as np
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.rounds import Rounds
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import State, Stateful
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import RoundRequest, Wait, decode_json, encode_json
@@ -48,11 +49,8 @@ class Service(Protocol[T]):
     def model(self, turn: Turn[T]) -> tuple[bytes, int]:
         """The payload for the cluster, and the batch gradients that it took."""
 
-    def state(self, task: int) -> State:
-        """Of one task, after a turn (see `common.disk.state.Stateful`)."""
-
-    def load_state(self, task: int, state: State) -> None:
-        """Take up what `state` returned."""
+    def kept(self, task: int) -> Mapping[str, Stateful]:
+        """What is kept of one task after a turn."""
 
 
 class ClusterDesk(Desk, Generic[T]):

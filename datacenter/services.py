@@ -10,7 +10,7 @@ from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import KeptTensors, Stateful
 from jouleswarm.common.errors import PayloadError, TrainingError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.arms import Arm
@@ -58,7 +58,7 @@ class WeightsService:
         self._ledgers = {task: RewardLedger(cluster, 1, window) for task, cluster in scenario.clusters.items()}
         self._encoders = {task: WeightsEncoder(self._codec) for task in scenario.clusters}
         self._decoders = {agent: WeightsDecoder(self._codec, self._shapes) for agent in scenario.agents}
-        self._untold: dict[int, Weights] = {}
+        self._untold = {task: KeptTensors() for task in scenario.clusters}
 
     def messages(self, agent: int) -> int:
         """See `datacenter.cluster_rounds.Service`."""
@@ -106,31 +106,21 @@ class WeightsService:
         model, gradients = served(self._methods[turn.task], round_, self._shapes)
         return self._told(turn.task, model, header, list(arrived)), gradients
 
-    def state(self, task: int) -> State:
+    def kept(self, task: int) -> dict[str, Stateful]:
         """See `datacenter.cluster_rounds.Service`."""
-        decoders = {f"decoder-{agent}": self._decoders[agent].state() for agent in self._clusters[task]}
-        untold, method = State(dict(self._untold.get(task, {}))), self._methods[task].state()
-        ledger, encoder = self._ledgers[task].state(), self._encoders[task].state()
-        return State.of({"ledger": ledger, "encoder": encoder, "untold": untold, "method": method, **decoders})
-
-    def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_rounds.Service`."""
-        self._ledgers[task].load_state(state.part("ledger"))
-        self._encoders[task].load_state(state.part("encoder"))
-        self._methods[task].load_state(state.part("method"))
-        if untold := state.part("untold").arrays:
-            self._untold[task] = untold
-        for agent in self._clusters[task]:
-            self._decoders[agent].load_state(state.part(f"decoder-{agent}"))
+        decoders = {f"decoder-{agent}": self._decoders[agent] for agent in self._clusters[task]}
+        untold, ledger = self._untold[task], self._ledgers[task]
+        own = {"ledger": ledger, "encoder": self._encoders[task], "untold": untold, "method": self._methods[task]}
+        return {**own, **decoders}
 
     def _told(self, task: int, model: Weights, header: ModelHeader, robots: Sequence[int]) -> bytes:
         """The message that brings a cluster's robots to `model`, or as near as it can."""
         encoder = self._encoders[task]
-        if untold := self._untold.get(task):
+        if untold := self._untold[task]:
             model = {name: tensor + untold[name] for name, tensor in model.items()}
         payload = encoder.payload(model, header, len(robots))
         if not self._codec.lossless:
-            self._untold[task] = {name: tensor - encoder.public[name] for name, tensor in model.items()}
+            untold.update({name: tensor - encoder.public[name] for name, tensor in model.items()})
         for agent in robots:
             self._decoders[agent].rebase(encoder.public)
         return payload
@@ -185,19 +175,10 @@ class ExperienceService:
             model, ModelHeader(task=turn.task, agent=0, round=turn.round)
         ), gradients
 
-    def state(self, task: int) -> State:
+    def kept(self, task: int) -> dict[str, Stateful]:
         """See `datacenter.cluster_rounds.Service`."""
-        learner, walks, encoder = self._learners[task], self._walks[task], self._encoders[task]
-        method = self._methods[task].state()
-        parts = {"learner": learner.state(), "walks": walks.state(), "encoder": encoder.state(), "method": method}
-        return State.of(parts)
-
-    def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_rounds.Service`."""
-        self._learners[task].load_state(state.part("learner"))
-        self._walks[task].load_state(state.part("walks"))
-        self._encoders[task].load_state(state.part("encoder"))
-        self._methods[task].load_state(state.part("method"))
+        learner, walks = self._learners[task], self._walks[task]
+        return {"learner": learner, "walks": walks, "encoder": self._encoders[task], "method": self._methods[task]}
 
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
+from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 
 T = TypeVar("T")
@@ -84,6 +85,14 @@ class Rounds(Generic[T]):
         opened = self._open
         self.go_to(self.done + 1)
         return opened
+
+    def state(self) -> State:
+        """How far they are: what had come of later ones is asked for again."""
+        return State(values={"done": self.done})
+
+    def load_state(self, state: State) -> None:
+        """See `common.disk.state.Stateful`."""
+        self.go_to(state.values["done"])
 
     def go_to(self, done: int) -> None:
         """Be done with all rounds up to this one."""
