@@ -110,7 +110,12 @@ class WeightsService:
         """See `datacenter.cluster_rounds.Service`."""
         decoders = {f"decoder-{agent}": self._decoders[agent] for agent in self._clusters[task]}
         untold, ledger = self._untold[task], self._ledgers[task]
-        own = {"ledger": ledger, "encoder": self._encoders[task], "untold": untold, "method": self._methods[task]}
+        own: dict[str, Stateful] = {
+            "ledger": ledger,
+            "encoder": self._encoders[task],
+            "untold": untold,
+            "method": self._methods[task],
+        }
         return {**own, **decoders}
 
     def _told(self, task: int, model: Weights, header: ModelHeader, robots: Sequence[int]) -> bytes:

@@ -25,7 +25,15 @@ from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import MAX_COUNT, Acknowledgement, Count, Presence, decode_json, encode_json
+from jouleswarm.common.wire.messages import (
+    MAX_COUNT,
+    Acknowledgement,
+    Count,
+    Presence,
+    decode_json,
+    encode_json,
+    in_pieces,
+)
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import Payload
@@ -170,7 +178,7 @@ class Reporter:
     def _pieces(self) -> Iterator[MeterReport]:
         """The report: counters and work first, then the rows as they are read."""
         client, meter, token = self._bus.client, self._bus.meter, secrets.token_hex(8)
-        pieces = _cut(chain(meter.rows(), meter.work(client), _once(self._told)))
+        pieces = in_pieces(chain(meter.rows(), meter.work(client), _once(self._told)), PIECE_BYTES)
         for number, (held, after) in enumerate(pairwise(chain(pieces, (None,))), start=1):
             rows = {name: [row for row in held or () if isinstance(row, kind)] for name, kind in _KINDS.items()}
             yield MeterReport.model_validate(
@@ -205,20 +213,6 @@ class Reporter:
 
 Row = MeterRow | WorkRow | RoundRow
 _KINDS: dict[str, type[Row]] = {"rows": MeterRow, "work": WorkRow, "rounds": RoundRow}
-
-
-def _cut(rows: Iterable[Row]) -> Iterator[list[Row]]:
-    """Rows in lists of PIECE_BYTES as JSON at most, or of one row; one list at least."""
-    held: list[Row] = []
-    size_bytes = 0
-    for row in rows:
-        row_bytes = len(row.model_dump_json()) + 1
-        if held and size_bytes + row_bytes > PIECE_BYTES:
-            yield held
-            held, size_bytes = [], 0
-        held.append(row)
-        size_bytes += row_bytes
-    yield held
 
 
 def _once(told: Callable[[], Iterable[bytes]]) -> Iterator[RoundRow]:

@@ -7,7 +7,6 @@ import asyncio
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from jouleswarm.broker.counters import in_pieces
 from jouleswarm.broker.limits import Budget
 from jouleswarm.broker.meter import BrokerMeter, by_link
 from jouleswarm.broker.publication import Publication
@@ -15,6 +14,7 @@ from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.bus import matches
 from jouleswarm.common.bus.paho_client import name_of, wire_id
 from jouleswarm.common.meter.meter import read_rows
+from jouleswarm.common.wire.messages import in_pieces
 from jouleswarm.common.wire.topics import Link
 
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"
@@ -162,8 +162,8 @@ def test_rows_come_in_pieces_below_a_size():
         ["agent-2", "agent-3"],
         ["agent-4"],
     ]
-    assert list(in_pieces(meter.rows()[:1], 1)) == [(meter.rows()[0],)]
-    assert list(in_pieces([], 100)) == [()]
+    assert list(in_pieces(meter.rows()[:1], 1)) == [[meter.rows()[0]]]
+    assert list(in_pieces([], 100)) == [[]]
 
 
 def counting(monkeypatch, kept_rows: int) -> BrokerMeter:
