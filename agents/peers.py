@@ -65,7 +65,6 @@ class Exchange(Membership):
 
     @property
     def newest_round(self) -> int:
-        """See `Membership`."""
         return max(self._sent, default=0)
 
     def open_arm(

@@ -26,7 +26,7 @@ def count_s(repeats: int = 200_000) -> float:
     meter, client_id = BrokerMeter(), wire_id("agent-1")
     start_s = time.perf_counter()
     for _ in range(repeats):
-        meter.delivered(client_id, TOPIC, FRAME_BYTES, FRAME_BYTES + 50)
+        meter.count(client_id, TOPIC, "out", FRAME_BYTES, FRAME_BYTES + 50)
     return (time.perf_counter() - start_s) / repeats
 
 

@@ -90,7 +90,6 @@ class Walks:
         return State(frames, {"newest": self._newest, "held": headers})
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._newest = state.values["newest"]
         self._held = {
             int(agent): Motion(state.arrays[agent], MotionHeader.model_validate(header))

@@ -61,7 +61,6 @@ class WeightsService:
         self._untold = {task: KeptTensors() for task in scenario.clusters}
 
     def messages(self, agent: int) -> int:
-        """See `datacenter.cluster_rounds.Service`."""
         return 1
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, tuple[Tensors, ModelHeader]]:
@@ -79,7 +78,6 @@ class WeightsService:
         return header.round, 0, (tensors, header)
 
     def opened(self, agent: int, contents: list[tuple[Tensors, ModelHeader]]) -> Arrived:
-        """See `datacenter.cluster_rounds.Service`."""
         ((tensors, header),) = contents
         return self._decoders[agent].decode(tensors), header
 
@@ -107,7 +105,6 @@ class WeightsService:
         return self._told(turn.task, model, header, list(arrived)), gradients
 
     def kept(self, task: int) -> dict[str, Stateful]:
-        """See `datacenter.cluster_rounds.Service`."""
         decoders = {f"decoder-{agent}": self._decoders[agent] for agent in self._clusters[task]}
         untold, ledger = self._untold[task], self._ledgers[task]
         own: dict[str, Stateful] = {
@@ -147,7 +144,6 @@ class ExperienceService:
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
 
     def messages(self, agent: int) -> int:
-        """See `datacenter.cluster_rounds.Service`."""
         return self._scenario.motions(agent)
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
@@ -165,7 +161,6 @@ class ExperienceService:
         return header.round, header.motion, motion
 
     def opened(self, agent: int, contents: list[Motion]) -> list[Motion]:
-        """See `datacenter.cluster_rounds.Service`."""
         return contents
 
     def model(self, turn: Turn[list[Motion]]) -> tuple[bytes, int]:
@@ -181,7 +176,6 @@ class ExperienceService:
         ), gradients
 
     def kept(self, task: int) -> dict[str, Stateful]:
-        """See `datacenter.cluster_rounds.Service`."""
         learner, walks = self._learners[task], self._walks[task]
         return {"learner": learner, "walks": walks, "encoder": self._encoders[task], "method": self._methods[task]}
 

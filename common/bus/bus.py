@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from jouleswarm.common.errors import MessageTooLargeError
-from jouleswarm.common.meter.meter import Meter, publish_body_bytes, publish_packet_bytes
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.wire.mqtt import publish_body_bytes, publish_packet_bytes
 from jouleswarm.common.wire.types import Payload
 
 

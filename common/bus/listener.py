@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.meter.meter import publish_packet_bytes
+from jouleswarm.common.wire.mqtt import publish_packet_bytes
 from jouleswarm.common.wire.names import clients_of
 
 log = logging.getLogger("jouleswarm.bus")

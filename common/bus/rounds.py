@@ -91,7 +91,6 @@ class Rounds(Generic[T]):
         return State(values={"done": self.done})
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self.go_to(state.values["done"])
 
     def go_to(self, done: int) -> None:

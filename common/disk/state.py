@@ -61,11 +61,9 @@ class Together:
     parts: Mapping[str, Stateful]
 
     def state(self) -> State:
-        """See `Stateful`."""
         return State.of(self.parts)
 
     def load_state(self, state: State) -> None:
-        """See `Stateful`."""
         state.into(self.parts)
 
 
@@ -73,11 +71,9 @@ class KeptTensors(dict[str, Array]):
     """Tensors by name with a state."""
 
     def state(self) -> State:
-        """See `Stateful`."""
         return State(dict(self))
 
     def load_state(self, state: State) -> None:
-        """See `Stateful`."""
         self.update(state.arrays)
 
 

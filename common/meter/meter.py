@@ -1,7 +1,4 @@
-"""Byte counters, the same on both sides of the bus, and beside a client's those of its work: facts only, never prices.
-
-MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length)) + remaining_length.
-"""
+"""Byte counters, the same on both sides of the bus, and of a client's work: facts only, never prices."""
 
 from __future__ import annotations
 
@@ -121,24 +118,6 @@ def read_rows(side: Side, folder: Path) -> list[MeterRow]:
 def read_work(client: str, folder: Path) -> list[WorkRow]:
     """What a process that may have been killed has done."""
     return work_rows(client, sorted(read_counters(folder).items()))
-
-
-def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
-    """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
-    return packet_bytes(publish_body_bytes(topic, payload_bytes, qos))
-
-
-def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
-    """Its remaining length: what brokers have a limit for."""
-    return 2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes
-
-
-def packet_bytes(remaining_length: int) -> int:
-    """Size of a whole packet from its remaining length (MQTT 3.1.1, section 2.2.3)."""
-    varint = 1
-    while remaining_length >= 128**varint:
-        varint += 1
-    return 1 + varint + remaining_length
 
 
 def received(rows: Iterable[MeterRow], side: Side) -> list[MeterRow]:

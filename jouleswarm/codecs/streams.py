@@ -53,11 +53,9 @@ class WeightsEncoder:
         self._public = public
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         return _state(self.codec, self._public)
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._public = state.arrays or None
 
 
@@ -82,15 +80,12 @@ class WeightsDecoder:
         return decoded(self._codec, tensors, self._shapes, self._public)
 
     def rebase(self, public: Weights) -> None:
-        """See `WeightsEncoder.rebase`."""
         self._public = public
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         return _state(self._codec, self._public)
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._public = state.arrays or None
 
 

@@ -86,16 +86,15 @@ class HandedIn:
         del self._open[piece.client]
         return rounds
 
-    def rows(self, clients: Sequence[str], state: Path | None) -> list[MeterRow]:
-        """What processes have counted; of those that handed nothing in, as far as their folders in `state` tell."""
-        kept = {each: read_rows("client", state / each) for each in clients if state and each not in self.whole}
-        return [
-            row for each in clients for row in (self.whole[each].rows if each in self.whole else kept.get(each, []))
-        ]
-
-    def work(self, clients: Sequence[str], state: Path | None) -> list[WorkRow]:
-        """What processes have computed and moved, in the same way."""
-        kept = {each: read_work(each, state / each) for each in clients if state and each not in self.whole}
-        return [
-            row for each in clients for row in (self.whole[each].work if each in self.whole else kept.get(each, []))
-        ]
+    def counted(self, clients: Sequence[str], state: Path | None) -> tuple[list[MeterRow], list[WorkRow]]:
+        """What processes have counted, and have computed and moved; of those that handed nothing in, as far as their
+        folders in `state` tell."""
+        rows, work = list[MeterRow](), list[WorkRow]()
+        for client in clients:
+            if client in self.whole:
+                rows += self.whole[client].rows
+                work += self.whole[client].work
+            elif state is not None:
+                rows += read_rows("client", state / client)
+                work += read_work(client, state / client)
+        return rows, work

@@ -149,7 +149,7 @@ class Recorder:
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
-        clients, work = self._reports.rows(self._clients, self._state), self._reports.work(self._clients, self._state)
+        clients, work = self._reports.counted(self._clients, self._state)
         try:
             rows, source = self._broker.end(patience_s, clients)
         except (RunError, BrokerUnreachableError) as error:
