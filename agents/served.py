@@ -7,7 +7,7 @@ from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.disk.state import Stateful, Together
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import Episode, ModelHeader, RoundRequest, decode_json, encode_json
+from jouleswarm.common.wire.messages import Episode, ModelHeader, RoundRequest, decode_json
 from jouleswarm.common.wire.types import Tensors, Weights
 from jouleswarm.methods.method import DATACENTER
 
@@ -54,10 +54,6 @@ class ServerLink:
         what = "the data center's model of round {round}"
         self._exchange.await_round(round_, self._models.missing, what, again)
         return self._models.take()[DATACENTER]
-
-    def publish_episode(self, episode: Episode) -> None:
-        """Tell the cluster and the data center how the robot's greedy episode went."""
-        self._exchange.publish_round(episode.round, encode_json(episode))
 
     def await_episodes(self, round_: int) -> dict[int, float]:
         """The other robots' rewards of `round_`."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.wire.mqtt import publish_packet_bytes
 from jouleswarm.common.wire.names import clients_of
 
 log = logging.getLogger("jouleswarm.bus")
@@ -52,9 +51,7 @@ class Listener:
 
     def repeated(self, message: Message, qos: int) -> None:
         """Book a message that had come before: sent again because somebody or something failed."""
-        size = len(message.payload)
-        packet_size = publish_packet_bytes(message.topic, size, qos)
-        self.bus.meter.count(self.bus.client, message.topic, "repeated", size, packet_size)
+        self.bus.meter.publish(self.bus.client, message.topic, "repeated", len(message.payload), qos)
 
     def until_none_is(
         self,

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from jouleswarm.common.meter.counters import Counters, Key, read_counters
 from jouleswarm.common.meter.work import WORK, Phase, Tally, WorkRow, work_key, work_rows
+from jouleswarm.common.wire.mqtt import publish_packet_bytes
 from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
 
 Direction = Literal["in", "out", "acked", "repeated"]
@@ -71,6 +72,10 @@ class Meter:
             return
         with self._lock:
             self._counters.cell((client, topic, direction)).add(payload_bytes, packet_bytes)
+
+    def publish(self, client: str, topic: str, direction: Direction, payload_bytes: int, qos: int) -> None:
+        """Book the PUBLISH packet that carries so many bytes at this QoS."""
+        self.count(client, topic, direction, payload_bytes, publish_packet_bytes(topic, payload_bytes, qos))
 
     def rows(self) -> list[MeterRow]:
         """The counters as rows, in a stable order."""
