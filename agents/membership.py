@@ -10,7 +10,7 @@ from jouleswarm.common.bus.agreement import Agreement
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
-from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.bus.patience import Patience, left_behind
 from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.errors import PayloadError, RunError
 from jouleswarm.common.host import Others, arithmetic
@@ -190,7 +190,4 @@ class Membership:
             raise self._left_behind(wait.client, f"in round {wait.round} of {self.arm}", f"round {self.awaited_round}")
 
     def _left_behind(self, who: str, there: str, here: str) -> RunError:
-        return RunError(
-            f"{who} is {there} already, and robot {self.here.agent} comes with {here}: its state is lost or of another "
-            f"time; give it the --state folder that it had in run {self.run}, or start all with an empty one"
-        )
+        return left_behind(who, there, f"robot {self.here.agent}", here, self.run)

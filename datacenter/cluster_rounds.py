@@ -10,6 +10,7 @@ import numpy as np
 
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import left_behind
 from jouleswarm.common.bus.rounds import Rounds
 from jouleswarm.common.disk.state import State, Stateful
 from jouleswarm.common.scenario.scenario import Scenario
@@ -148,19 +149,16 @@ class ClusterDesk(Desk, Generic[T]):
     def told(self, wait: Wait) -> None:
         # A robot gets no further than a round without this data center.
         if wait.stage == self._done - 1 and wait.round > self._done_rounds(wait.client) + 2:
-            there = f"in round {wait.round} of {self._arm}"
-            raise self.left_behind(wait.client, there, f"{self._done_rounds(wait.client)} rounds of it")
+            there, here = f"in round {wait.round} of {self._arm}", f"{self._done_rounds(wait.client)} rounds of it"
+            raise left_behind(wait.client, there, "the data center", here, self._run)
 
     def _ask_for_missing(self) -> None:
+        again = topics.resend if self._word == "weights" else topics.collect_again
         for task in self._open():
+            request = encode_json(RoundRequest(first=self._round(task), last=self._round(task)))
             for agent in self._awaited(task):
                 if self._stages[agent] >= 0:  # one that has not come yet needs no reminder
-                    self._ask_again(task, agent)
-
-    def _ask_again(self, task: int, agent: int) -> None:
-        again = topics.resend if self._word == "weights" else topics.collect_again
-        request = RoundRequest(first=self._round(task), last=self._round(task))
-        self._bus.publish(again(self._run, self._arm, task, agent), encode_json(request))
+                    self._bus.publish(again(self._run, self._arm, task, agent), request)
 
     def _publish(self, task: int, payload: bytes) -> None:
         topic = topics.cluster_model(self._run, self._arm, task)

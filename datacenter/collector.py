@@ -5,6 +5,7 @@ from __future__ import annotations
 from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import left_behind
 from jouleswarm.common.bus.rounds import Rounds
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
@@ -81,7 +82,8 @@ class Collector(Desk):
         round_, missing = self._rounds.done + 1, self._rounds.missing()
         for agent in missing:
             if self._stages[agent] >= self._ready:
-                raise self.left_behind(f"robot {agent}", "past meta-learning", f"round {round_} of it")
+                here = f"round {round_} of it"
+                raise left_behind(f"robot {agent}", "past meta-learning", "the data center", here, self._run)
         # A task that nothing has ever been heard of cannot be learned: that first round is waited for.
         return [agent for agent in missing if round_ == 1 or not self.is_left_out(agent)]
 
