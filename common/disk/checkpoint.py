@@ -77,9 +77,16 @@ class States:
             RunError: it is another owner's, damaged, or gone though rows tell of it.
         """
         state = self._file(part).load() if self.folder is not None else None
-        if state is None and self._beside is not None and any(map(told, _rows(self._beside / ROWS))):
+        if state is None and self._has(told):
             raise RunError(f"{self.folder}: the state is gone, though rows of it are there; begin the run anew")
         return state
+
+    def _has(self, told: Callable[[Mapping[str, Any]], bool]) -> bool:
+        path = self._beside and self._beside / ROWS
+        try:
+            return path is not None and any(told(json.loads(line)) for line in whole_lines(path, mend=False))
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunError(f"{path}: not as it was written; begin the run anew") from error
 
     def _file(self, part: str) -> StateFile:
         assert self.folder is not None
@@ -101,10 +108,3 @@ def clear(folder: Path, *own: str) -> None:
         path.unlink(missing_ok=True)
     with contextlib.suppress(OSError):  # somebody else's files are in it, or a volume is mounted there
         folder.rmdir()
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    try:
-        return [json.loads(line) for line in whole_lines(path, mend=False)]
-    except ValueError as error:
-        raise RunError(f"{path}: not as it was written; begin the run anew") from error

@@ -199,13 +199,13 @@ class Recorder:
         self._bus.publish(topics.acknowledgement(self._run, client), encode_json(told))
 
     def _take_learned(self, message: Message) -> None:
-        task = topics.task_of(message.topic)
+        task = message.topic.split("/")[-2]
         self._keep_model(message, learned_name(topics.arm_of(message.topic), task, self._scenario))
         for agent in self._scenario.cluster(int(task)):  # the first of them, or the first that is left
             self._acknowledge(message.topic, client_of(agent))
 
     def _take_snapshot(self, message: Message) -> None:
-        round_ = message.topic.split("/")[4]
+        round_ = message.topic.split("/")[-2]
         self._keep_model(message, snapshot_name(topics.arm_of(message.topic), round_, self._scenario))
         self._acknowledge(message.topic, DATA_CENTER)
 
@@ -229,7 +229,7 @@ class Recorder:
         self._directory.computed_on(client, processor)
 
     def _take_row(self, message: Message) -> None:
-        telemetry, client = decode_json(message.payload, Telemetry), message.topic.split("/")[4]
+        telemetry, client = decode_json(message.payload, Telemetry), message.topic.split("/")[-2]
         row = telemetry.row
         check_row(row, client, self._scenario)
         self._directory.round(row)
