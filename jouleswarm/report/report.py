@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAVY
 from rich.console import Console
-from rich.table import Table
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
@@ -19,7 +17,7 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.figures import write_figures
-from jouleswarm.report.format import TextTable
+from jouleswarm.report.format import rich_table
 from jouleswarm.report.html import write_html
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.tables import (
@@ -91,18 +89,8 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
         console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in tables:
-        console.print(_table(table))
+        console.print(rich_table(table))
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)
     for line in notes(run, energy):
         console.print(line, style="dim", highlight=False)
-
-
-def _table(text: TextTable) -> Table:
-    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
-    for place, heading in enumerate(text.headings):
-        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
-    for number, row in enumerate(text.rows):
-        strong = number in text.strong
-        table.add_row(*row, style="bold" if strong else "", end_section=strong)
-    return table

@@ -27,7 +27,9 @@ def closed_parts(
     """Counts of phase ml, and of each task's own rounds, by the method's equations."""
     form = scenario.method(method).closed_form
     tasks: dict[int, StageCounts] = {task: form(scenario, 0, {task: each}, sizes) for task, each in rounds.items()}
-    return {("ml", STAGE): form(scenario, t0, rounds, sizes).ml} | {("fl", task): tasks[task].fl for task in tasks}
+    parts: dict[tuple[Phase, int], Counts] = {("fl", task): tasks[task].fl for task in tasks}
+    parts["ml", STAGE] = form(scenario, t0, rounds, sizes).ml
+    return parts
 
 
 def closed_work(
