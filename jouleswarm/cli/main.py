@@ -9,7 +9,7 @@ from jouleswarm.cli.chaos import chaos
 from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.keys import keys
 from jouleswarm.cli.report import audit, report
-from jouleswarm.cli.run import record, run
+from jouleswarm.cli.run import record, run, validate
 from jouleswarm.cli.study import study
 
 app = typer.Typer(
@@ -19,7 +19,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
 )
-for command in (run, record, report, bill, chaos, audit):
+for command in (run, validate, record, report, bill, chaos, audit):
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(study, name="study")
