@@ -24,6 +24,7 @@ _AMOUNT = {
     "sidelink": ("sidelink_bytes",),
 }
 _FLOAT32_BYTES = 4
+_BESIDE_FRAME_BYTES = 21  # action, reward, two flags and a checksum of each frame that is remembered
 _STATES = 2  # the newest two of each process
 
 
@@ -86,7 +87,7 @@ def room_of(scenario: Scenario) -> Room:
     """Memory and disk at their fullest, from the sizes of what is kept."""
     interface, learning, meta = interface_of(scenario), scenario.learning, scenario.meta
     model = _FLOAT32_BYTES * sum(interface.entries)
-    kept = interface.spaces.observation.kept(scenario.network).nbytes
+    kept = interface.spaces.observation.kept(scenario.network).nbytes + _BESIDE_FRAME_BYTES
     moments = 2 if learning.optimizer == "adam" else 0
     replay = (learning.replay_size + 2 * learning.motions_per_round) * kept
     trained = [agent for agents in scenario.training_agents.values() for agent in agents]

@@ -7,7 +7,6 @@ import resource
 import time
 from typing import NamedTuple
 
-from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.environment import TaskEnvironment
 from jouleswarm.runs.foretold import foretold_facts
@@ -27,13 +26,23 @@ class Speed(NamedTuple):
 
 def measure_speed(scenario: Scenario) -> Speed:
     """Time a few gradients and motions of the first task; takes a second or two, most of it PyTorch's start."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return _measured(scenario)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _measured(scenario: Scenario) -> Speed:
     import numpy as np
 
     from jouleswarm.codecs.frames import shrink
     from jouleswarm.learning.learner import Learner
     from jouleswarm.learning.networks import build_qnetwork, to_weights
 
-    use_one_thread()
     network, rng = build_qnetwork(scenario, 0), np.random.default_rng(0)
     learner = Learner(network, scenario.learning.model_copy(update={"replay_size": 100}), to_weights(network), rng)
     environment = TaskEnvironment(scenario, scenario.tasks[0].id)

@@ -65,7 +65,7 @@ def test_validate_says_what_a_run_will_cost(
     out = capsys.readouterr().out
     assert "A round of all clusters together, literal prices" in out
     assert "Time, estimate: " in out
-    assert "if each task takes 3 rounds" in out
+    assert "and each task takes 3 rounds" in out
     assert not (tmp_path / "runs").exists()
     assert called(monkeypatch, "validate", "no-such") == 2
     assert called(monkeypatch, "run", "--dry") == 2

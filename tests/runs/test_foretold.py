@@ -54,7 +54,7 @@ def test_the_first_message_of_a_codec_that_builds_on_it_is_no_usual_round() -> N
 
 
 def test_memory_and_disk() -> None:
-    room, frame = room_of(QUICK), 36 * 48 * 4
+    room, frame = room_of(QUICK), 36 * 48 * 4 + 21
     robot = (2000 + 2 * 20) * frame + 5 * WEIGHTS
     center = 3 * (5000 + 2 * 20) * frame + 5 * WEIGHTS
     assert (room.robot, room.datacenter, room.whole) == (robot, center, 12 * robot + center)
