@@ -45,6 +45,8 @@ def table_lines(path: Path, what: str, needed: tuple[str, ...]) -> Iterator[tupl
                     f"{what} {path}, line {reader.line_num}: {','.join(cells)!r:.80} lacks the column {missing[0]}, "
                     f"expected {','.join(needed)}, ..."
                 )
+            elif len(set(cells)) < len(cells):
+                raise ConfigurationError(f"{what} {path}, line {reader.line_num}: expected each column once")
             else:
                 head = cells
     except csv.Error as error:

@@ -59,6 +59,8 @@ def break_even(staged: Bill, tasks: int, plain: Bill, plain_tasks: int) -> float
 
 
 def _facts(arm: ArmRows, by_robot: bool) -> Facts:
+    if lacking := _lacking(arm):
+        raise ConfigurationError(f"arm {arm.name}: {lacking}")
     for row in arm.counted:
         _check(arm, row, by_robot)
     work = [*_closed_work(arm), *_counted_work(arm)]
@@ -78,6 +80,22 @@ def _facts(arm: ArmRows, by_robot: bool) -> Facts:
         known_work=tuple(work),
         known_sent=tuple(known),
     )
+
+
+def _lacking(arm: ArmRows) -> str:
+    """What has to be told before anything comes of what is; "" if nothing: no joules are not a bill of 0 J."""
+    phases, untold = (
+        {row.phase for row in arm.counted},
+        [task for task in arm.tasks if arm.told("rounds", task) is None],
+    )
+    if untold and not arm.counted:
+        return f"no rounds of task {untold[0]}, expected them, or what was counted"
+    sized = any(arm.of(what, task) for what in ("batches", "model_bytes") for task in arm.tasks)
+    if not untold and "fl" not in phases and not sized:
+        return "rounds alone cost nothing, expected batches or model_bytes beside them, or what was counted"
+    if arm.of("t0") and "ml" not in phases and not arm.of("training_robots"):
+        return "t0 alone costs nothing, expected training_robots beside it, or what was counted in phase ml"
+    return ""
 
 
 def _check(arm: ArmRows, row: Row, by_robot: bool) -> None:
