@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jouleswarm.energy.facts import Phase
+from jouleswarm.energy.facts import STAGE, Phase
 from jouleswarm.energy.rows import COUNTS, Row
 
 
@@ -45,3 +45,7 @@ class ArmRows:
     def cluster(self, task: int | None) -> list[int]:
         """Who nobody in particular is: a task's robots, or all."""
         return self.robots if task is None else self.clusters.get(task, self.robots)
+
+    def place(self, row: Row) -> int:
+        """The task that a counted row is booked for: its own, or the only one there is; else all together."""
+        return row.task or (self.tasks[0] if len(self.tasks) == 1 and row.phase == "fl" else STAGE)

@@ -6,7 +6,6 @@ in an arm's phase in which bytes (gradients) were counted, none are worked out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import permutations
 
@@ -14,7 +13,6 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.arm_rows import ArmRows
-from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, Work
 from jouleswarm.energy.rows import Row
 
@@ -48,14 +46,10 @@ def facts_of(rows: Sequence[Row], *, by_robot: bool = False) -> dict[str, Facts]
     return {arm: _facts(ArmRows(rows, arm), by_robot) for arm in arms_of(rows)}
 
 
-def break_even(staged: Bill, tasks: int, plain: Bill, plain_tasks: int) -> float:
-    """M*: with more tasks than this the stage has paid; infinite where no number is enough.
-
-    What goes down to the robots grows with the tasks, so it is theirs: M* = stage / (a plain task - a task with it).
-    """
-    down = staged.ml.downlink_j + staged.ml.downlink_robots_j
-    saved = plain.total_j / plain_tasks - (staged.fl.total_j + down) / tasks
-    return (staged.ml.total_j - down) / saved if saved > 0 else math.inf
+def seen_of(rows: Sequence[Row], arm: str) -> list[int]:
+    """Tasks that an arm's stage before was learned from."""
+    held = ArmRows(rows, arm)
+    return [task for task in held.tasks if held.of("seen", task)]
 
 
 def _facts(arm: ArmRows, by_robot: bool) -> Facts:
@@ -186,7 +180,7 @@ def _counted_work(arm: ArmRows) -> Iterator[Work]:
         for robot in who:
             found = place | {name: row.value / len(who)}
             rounds = arm.of("rounds", row.task) if row.phase == "fl" else arm.of("t0")
-            yield Work(row.phase, row.task or STAGE, robot, seconds=0.0, rounds=rounds, **found)
+            yield Work(row.phase, arm.place(row), robot, seconds=0.0, rounds=rounds, **found)
 
 
 def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
@@ -200,7 +194,7 @@ def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
         once = kind == "sent_bytes"
         if once if delivered else not (once or (link == "sidelink" and row.phase not in told)):
             continue
-        found = sums.setdefault((row.phase, row.task or STAGE, link, row.robot, row.to), [0.0, 0.0])
+        found = sums.setdefault((row.phase, arm.place(row), link, row.robot, row.to), [0.0, 0.0])
         found[kind.endswith("bytes")] += row.value
         if kind == "messages" and not any(_beside(row, other) for other in rows):
             raise ConfigurationError(f"{row.where}: {row.what} without {link}_bytes of the same, expected both")

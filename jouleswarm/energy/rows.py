@@ -22,6 +22,7 @@ SETTINGS = {
     "links": "directed links between neighbours, 2 for a pair; left out: by a server, each model up and one down",
     "model_bytes": "size of the model, b(W): what one message of weights has",
     "batches": "batch gradients of a robot in a round, B_i",
+    "seen": "1 of a task that the stage before was learned from, for break-even; left out everywhere: all alike",
     "t0": "rounds of the stage in the data center before, of MAML say; left out or 0: none",
     "training_robots": "robots that send experience up in each of them, all tasks together",
     "experience_bytes": "what one of them sends in a round, b(E)",

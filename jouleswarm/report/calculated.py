@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ from rich.console import Console
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.tariff import Tariff, read_tariff
 from jouleswarm.energy.bill import SITES, Bill, cause_parts, causes_of, parts, site_parts
-from jouleswarm.energy.calculator import break_even, facts_of, robots_of
+from jouleswarm.energy.breakeven import savings, tasks_to_pay
+from jouleswarm.energy.calculator import facts_of, robots_of, seen_of
 from jouleswarm.energy.carbon import carbon, has_carbon
-from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.facts import STAGE, Counts, Facts
 from jouleswarm.energy.prices import PriceList, price, price_lists
 from jouleswarm.energy.rows import read_rows
-from jouleswarm.report.format import TextTable, grams_text, joules_text, rich_table
+from jouleswarm.report.format import grams_text, joules_text
+from jouleswarm.report.table import Table, terminal
 
 _SUMS = ("ml", "fl", "total")
 
@@ -32,17 +35,20 @@ class Calculated:
     bills: Mapping[PriceList, Mapping[str, Bill | None]]
     """By the lists that are defined for any arm."""
 
+    seen: Mapping[str, Sequence[int]]
+    """Arm -> tasks that its stage before was learned from."""
+
     @property
     def break_even_tasks(self) -> Iterator[tuple[PriceList, str, str, float]]:
-        """(list, arm with a stage before, arm without, M*)."""
-        staged = [arm for arm, facts in self.facts.items() if facts.counts.ml != type(facts.counts.ml)()]
-        for prices, bills in self.bills.items():
-            for arm in staged:
-                for other, plain in bills.items():
-                    ours = bills[arm]
-                    if other not in staged and ours and plain:
-                        tasks = (len(self.facts[each].robots) for each in (arm, other))
-                        yield prices, arm, other, break_even(ours, next(tasks), plain, next(tasks))
+        """(list, arm with a stage before, arm without, M*) of arms that learned the same tasks, told one by one."""
+        whole = {arm: each for arm, each in self.facts.items() if ("fl", STAGE) not in each.parts}
+        staged = [arm for arm, each in whole.items() if each.counts.ml != Counts()]
+        for prices, arm, other in product(self.bills, staged, whole):
+            ours, plain = whole[arm], whole[other]
+            if other not in staged and ours.rounds.keys() == plain.rounds.keys():
+                found = savings(ours, plain, self.seen[arm], self.tariff.energy, prices)
+                if found is not None:
+                    yield prices, arm, other, tasks_to_pay(found)
 
 
 def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Override] = ()) -> Calculated:
@@ -55,14 +61,15 @@ def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Overrid
     tariff = read_tariff(energy, changes, robots_of(rows))
     facts = facts_of(rows, by_robot=tariff.is_by_robot)
     bills = {each: {arm: price(each, one, tariff.energy) for arm, one in facts.items()} for each in price_lists(tariff)}
-    return Calculated(tariff, facts, {each: held for each, held in bills.items() if any(held.values())})
+    told = {each: held for each, held in bills.items() if any(held.values())}
+    return Calculated(tariff, facts, told, {arm: seen_of(rows, arm) for arm in facts})
 
 
 def print_calculated(found: Calculated, console: Console | None = None) -> None:
     """Tables of each list, and break-even."""
     console = console or Console()
     for table in _tables(found):
-        console.print(rich_table(table))
+        console.print(terminal(table))
     for prices, arm, other, tasks in found.break_even_tasks:
         told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
         console.print(f"{arm} against {other}: {told} ({prices.label})", style="bold", highlight=False)
@@ -87,7 +94,7 @@ def document(found: Calculated) -> dict[str, Any]:
     return {"energy": constants, "arms": arms, "break_even_tasks": even}
 
 
-def _tables(found: Calculated) -> Iterator[TextTable]:
+def _tables(found: Calculated) -> Iterator[Table]:
     """Two a list: by phase and who pays, and by cause; what a list does not tell is left out."""
     for prices, bills in found.bills.items():
         costs = {arm: bill.both if bill else None for arm, bill in bills.items()}
@@ -105,6 +112,6 @@ def _tables(found: Calculated) -> Iterator[TextTable]:
             spent.append([arm, *(joules_text(cause_parts(cost)[cause]) for cause in causes)])
         sites = [*SITES.values()] * tells + [f"gCO2e, {site}" for site in SITES.values()] * grams
         title = f"{prices.label[0].upper()}{prices.label[1:]}"
-        yield TextTable(f"{title}: by phase and site", ["arm", "t0", "rounds", "E_ML", "E_FL", "E", *sites], sums)
+        yield Table(f"{title}: by phase and site", ["arm", "t0", "rounds", "E_ML", "E_FL", "E", *sites], sums)
         if tells:
-            yield TextTable(f"{title}: by cause", ["arm", *(cause.heading for cause in causes)], spent)
+            yield Table(f"{title}: by cause", ["arm", *(cause.heading for cause in causes)], spent)

@@ -10,7 +10,8 @@ from jouleswarm.energy.facts import Counts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, price_lists
 from jouleswarm.report.arms import labels
-from jouleswarm.report.format import TextTable, bytes_text, joules_text, rich_table
+from jouleswarm.report.format import bytes_text, joules_text
+from jouleswarm.report.table import Table, terminal
 from jouleswarm.runs.foretold import foretold_facts, room_of, round_lines
 from jouleswarm.runs.speed import estimated_s, measure_speed
 
@@ -22,7 +23,7 @@ def print_foretold(scenario: Scenario, rounds: int | None = None, console: Conso
     console = console or Console()
     room, speed = room_of(scenario), measure_speed(scenario)
     for table in (_round(scenario), _whole(scenario, rounds)):
-        console.print(rich_table(table))
+        console.print(terminal(table))
     center = f", the data center {bytes_text(room.datacenter)}" if room.datacenter else ""
     processes = len(scenario.agents) + scenario.needs_datacenter
     one = f"a gradient {speed.gradient_s * 1e3:.3g} ms and a motion {speed.motion_s * 1e3:.3g} ms of processor time"
@@ -47,7 +48,7 @@ def _rounds(scenario: Scenario, rounds: int | None) -> list[int]:
     return [*([rounds] if rounds else []), scenario.federation.max_rounds]
 
 
-def _round(scenario: Scenario) -> TextTable:
+def _round(scenario: Scenario) -> Table:
     names, rows = labels(scenario), []
     causes = {cause.key: cause.label for cause in CAUSES}
     for line in round_lines(scenario):
@@ -55,10 +56,10 @@ def _round(scenario: Scenario) -> TextTable:
         amount = bytes_text(line.amount) if is_link else f"{line.amount:g} gradients" if line.amount else ""
         what = causes[line.cause] + (", once" if line.once else "")
         rows.append([names[line.arm], _PHASES[line.phase], what, amount, joules_text(line.joules)])
-    return TextTable(f"A round of all clusters together, {literal.label}", ["arm", "of", "what", "", "joules"], rows)
+    return Table(f"A round of all clusters together, {literal.label}", ["arm", "of", "what", "", "joules"], rows)
 
 
-def _whole(scenario: Scenario, rounds: int | None) -> TextTable:
+def _whole(scenario: Scenario, rounds: int | None) -> Table:
     lists, rows = price_lists(scenario), []
     for each in _rounds(scenario, rounds):
         for arm in scenario.arms:
@@ -69,4 +70,4 @@ def _whole(scenario: Scenario, rounds: int | None) -> TextTable:
             joules = (joules_text(bill.total_j if bill else None) for bill in bills)
             rows.append([labels(scenario)[arm.name], str(each), *map(bytes_text, moved), *joules])
     headings = ["arm", "rounds a task", "up", "down", "sidelinks", *(prices.label for prices in lists)]
-    return TextTable("The whole, if each task takes so many rounds", headings, rows)
+    return Table("The whole, if each task takes so many rounds", headings, rows)

@@ -1,23 +1,8 @@
-"""How a report writes numbers, and a table before it is shown on anything."""
+"""How a report writes numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from rich.box import SIMPLE_HEAVY
-from rich.table import Table
-
 _NOTHING = "-"
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """A table as text; the first column is left-aligned, `strong` are the numbers of rows that stand out."""
-
-    title: str
-    headings: list[str]
-    rows: list[list[str]]
-    strong: frozenset[int] = frozenset()
 
 
 def joules_text(joules: float | None) -> str:
@@ -48,14 +33,3 @@ def bytes_text(size_bytes: float) -> str:
         if size_bytes >= factor:
             return f"{size_bytes / factor:.4g} {unit}"
     return f"{size_bytes:.0f} B"
-
-
-def rich_table(text: TextTable) -> Table:
-    """As a terminal shows it."""
-    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
-    for place, heading in enumerate(text.headings):
-        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
-    for number, row in enumerate(text.rows):
-        strong = number in text.strong
-        table.add_row(*row, style="bold" if strong else "", end_section=strong)
-    return table

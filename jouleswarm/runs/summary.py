@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.arms import Arm
@@ -23,8 +24,9 @@ from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, pric
 from jouleswarm.energy.published import published
 from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
-from jouleswarm.runs.facts import meta_rounds, task_results
+from jouleswarm.runs.facts import meta_rounds, task_results, zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions, lost_work
+from jouleswarm.runs.measured import by_role
 from jouleswarm.runs.traffic import metered_by, traffic
 
 SCHEMA = 2
@@ -41,6 +43,7 @@ def summarise(
     tasks: Iterable[int] | None = None,
     *,
     work_rows: Iterable[WorkRow] = (),
+    joules_rows: Sequence[JoulesRow] = (),
     status: Literal["complete", "interrupted", "failed"] = "complete",
     source: str = "",
 ) -> dict[str, Any]:
@@ -60,6 +63,7 @@ def summarise(
         "counters_fit": None if balance is None else not balance.broken,
         "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted, own) for arm in scenario.arms},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
+        **({"measured_j": by_role(joules_rows)} if joules_rows else {}),
     }
 
 
@@ -110,11 +114,12 @@ def _arm_summary(
     done = arm_facts(scenario, rows, meter_rows, arm.name, lost=lost)
     kept = arm_facts(scenario, rows, meter_rows, arm.name) if lost else done
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
-    cost = bill(done.counts, energy).both
+    cost, results = bill(done.counts, energy).both, task_results(scenario, rows, arm.name, tasks)
     return {
         "method": arm.method,
         "t0": done.t0,
-        "tasks": [asdict(result) for result in task_results(scenario, rows, arm.name, tasks)],
+        "tasks": [asdict(result) for result in results],
+        "zero_shot_share": zero_shot_share(results) if results else None,
         "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
         "energy_j": {
             "literal": bill_parts(literal.price(done, energy), metered),

@@ -7,13 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.errors import ConfigurationError, usable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.facts import Counts, Facts
+from jouleswarm.report.figures import save_figure
 from jouleswarm.studies.arms import PLAIN
 from jouleswarm.studies.facts import META_STAGE, Fact
 from jouleswarm.studies.paper_figures import figure_4a, figure_4b
-from jouleswarm.studies.style import write_figure
 
 
 def draw_calculated(arms: Mapping[str, Facts], energy: Energy, folder: Path) -> list[Path]:
@@ -30,7 +30,8 @@ def draw_calculated(arms: Mapping[str, Facts], energy: Energy, folder: Path) -> 
         )
     facts = [fact for each in arms.values() for fact in _stages(each)]
     drawn = {"fig4a": lambda: figure_4a(facts, energy), "fig4b": lambda: figure_4b(facts)}
-    return [path for name, draw in drawn.items() for path in write_figure(folder, name, draw)]
+    with usable("--figures", folder):
+        return [path for name, draw in drawn.items() for path in save_figure(folder, name, draw)]
 
 
 def _stages(facts: Facts) -> Iterator[Fact]:

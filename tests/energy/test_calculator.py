@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.energy.calculator import break_even, facts_of
+from jouleswarm.energy.calculator import facts_of
 from jouleswarm.energy.facts import Counts, Facts
-from jouleswarm.energy.literal import literal
 from jouleswarm.energy.rows import COUNTS, SETTINGS, example, read_rows
 from jouleswarm.report.audit_rows import EFFICIENT_UPLINK, implied_bill, literal_bill
 from jouleswarm.report.calculated import Calculated, calculate, document
@@ -52,9 +51,10 @@ def test_the_paper_s_table_ii_comes_to_the_audit_s_columns() -> None:
 
 def test_break_even_of_table_ii_by_hand() -> None:
     told = {(prices.name, arm): tasks for prices, arm, _, tasks in calculate(TABLE).break_even_tasks}
-    # t0 = 210: 210 x 4134.36 J over (921.5 - 129.2) x 260.8 / 6 - 2 x 224 J a task
-    assert told["literal", "MAML t0=210"] == pytest.approx(868_215.6 / (792.3 * 260.8 / 6 - 448))
-    assert told["published", "MAML t0=210"] == pytest.approx(210 * 352.4 / (792.3 * 246.3 / 6))
+    # t0 = 210: 210 x 4134.36 J; tasks 1, 2, 6 are seen and save 539.1 / 3 rounds each, the others 253.2 / 3
+    seen, unseen = (rounds / 3 * 260.8 - 2 * 224 for rounds in (539.1, 253.2))
+    assert told["literal", "MAML t0=210"] == pytest.approx(3 + (868_215.6 - 3 * seen) / unseen)
+    assert told["published", "MAML t0=210"] == pytest.approx(210 * 352.4 / (539.1 / 3 * 246.3))
 
 
 def test_a_stage_that_saves_nothing_never_pays() -> None:
@@ -180,11 +180,17 @@ def test_bad_constants_are_one_line(tmp_path: Path, energy: str, said: str) -> N
 
 
 def test_what_goes_down_is_the_tasks_not_the_stage_s() -> None:
-    given = {"rounds": 1, "robots": 2, "model_bytes": 25_000, "links": 2, "batches": 1}
-    staged = {"t0": 1, "training_robots": 1, "experience_bytes": 250_000}
-    with_it, plain = (literal.price(only(each), calculate(given).tariff.energy) for each in (given | staged, given))
-    assert with_it.ml.downlink_j == pytest.approx(2)  # 200 kbit to each of 2 at 200 kb/J
-    assert break_even(with_it, 1, plain, 1) == float("inf")
-    # 2 x 2.04 J + 2 x 0.4 J a round: of 11 rounds, 1 is left: 10 J up over 10 x 4.88 J - 2 J
-    longer = literal.price(only(given | {"rounds": 11}), calculate(given).tariff.energy)
-    assert break_even(with_it, 1, longer, 1) == pytest.approx(10 / 46.8)
+    same = {"robots": 2, "model_bytes": 25_000, "links": 2, "batches": 1}
+    staged = {"t0": 1, "training_robots": 1, "experience_bytes": 250_000, "rounds": 1}
+    # 10 J up; 2 J down to the pair; a round is 2 x 2.04 + 2 x 0.4 J
+    found = calculate(same | {"arms": {"with": staged, "without": {"rounds": 11}}})
+    assert [tasks for prices, *_, tasks in found.break_even_tasks if prices.name == "literal"] == [
+        pytest.approx(10 / (10 * 4.88 - 2))
+    ]
+
+
+def test_counts_of_no_task_are_the_only_one_s_or_all_together() -> None:
+    counted = [{"what": "uplink_bytes", "value": 5}]
+    assert list(only(counted).parts) == [("fl", 1)]
+    several = [*counted, *({"what": "rounds", "value": 1, "task": task} for task in (1, 2))]
+    assert list(only(several).parts) == [("fl", 0)]

@@ -26,13 +26,14 @@ from jouleswarm.energy.repricing import Prices
 from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
-from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts
-from jouleswarm.report.report import Run, load_run, report
+from jouleswarm.report.report import report
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.report.tables import bytes_table, causes_tables, rounds_table, sites_tables, totals_table
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.manifest import manifest
+from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.summary import summarise
 
 RUN = "many"
@@ -93,16 +94,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return load_run(_write(tmp_path_factory.mktemp("many") / "run"))
 
 
-def rows_of(table: TextTable) -> dict[str, list[str]]:
-    return {row[0]: row[1:] for row in table.rows}
+MEASURES = ("by full window", "by partial window", "at t_i = 0")
+
+
+def rows_of(table: Table) -> dict[Cell, list[Cell]]:
+    return {row[0]: list(row[1:]) for row in table.rows}
 
 
 def test_rounds_have_a_row_an_arm_with_its_own_t0(run: Run) -> None:
     table = rounds_table(run)
-    assert table.headings == ["arm", "t0", *(f"t_{task}" for task in TASKS), "sum of t_i"]
+    assert table.headings == ["arm", "t0", *(f"t_{task}" for task in TASKS), "sum of t_i", *MEASURES]
     found = rows_of(table)
     assert len(found) == 14
-    assert found["MAML, t0 = 2"] == ["2", "2", "4", "6", "8", "10", "12", "42"]
+    # the first two tasks end before a window of 5 rounds is full; R of task 6 is 27.5 x 11 / 6 = 50.4 in round 11
+    assert found["MAML, t0 = 2"] == ["2", "2", "4", "6", "8", "10", "12", "42", "-", "41", "0%"]
     assert found["MAML, t0 = 6"][0] == "6"
     assert found["FL, no transfer"][0] == "0"
     assert found["centralized"][6] == "12 ×"
