@@ -79,7 +79,7 @@ def run(
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
-        validate(scenario, seed, set_, rounds)
+        validate(scenario, seed, set_, energy, rounds)
         return
     if dry or rounds is not None:
         raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
@@ -99,16 +99,17 @@ def validate(
     scenario: ScenarioFile,
     seed: Seed = None,
     set_: SetOption = None,
+    energy: EnergyFile = None,
     rounds: Annotated[
         int | None, typer.Option(min=1, help="Rounds of each task, beside federation.max_rounds.")
     ] = None,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
-    from jouleswarm.common.scenario.reading import load_scenario
+    from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.trial import try_out
     from jouleswarm.report.foretold import print_foretold
 
-    settings = load_scenario(scenario, overrides(set_, seed))
+    settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
     try_out(settings)
     print_foretold(settings, rounds)
 

@@ -61,9 +61,12 @@ def test_the_calculator_from_python(tmp_path: Path) -> None:
 def test_validate_says_what_a_run_will_cost(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    assert called(monkeypatch, "run", "--dry", "toy", "--rounds", "3", "--out", str(tmp_path / "runs")) == 0
+    (tmp_path / "dear.toml").write_text("[energy]\npk_w = 1000.0\n")
+    typed = ("run", "--dry", "toy", "--rounds", "3", "--energy", str(tmp_path / "dear.toml"))
+    assert called(monkeypatch, *typed, "--out", str(tmp_path / "runs")) == 0
     out = capsys.readouterr().out
     assert "A round of all clusters together, literal prices" in out
+    assert "16 kJ" in out  # 4 robots of 10 batches, of 1000 W x 0.4 s
     assert "Time, estimate: " in out
     assert "and each task takes 3 rounds" in out
     assert not (tmp_path / "runs").exists()
