@@ -22,6 +22,7 @@ TINY = ("--set", "network.dense=[4]", "--set", "network.conv=[[2,8,4]]", "--repe
 @pytest.fixture
 def calibrate(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
     monkeypatch.setattr("jouleswarm.methods.calibration._WINDOW_S", 0.05)
+    monkeypatch.setattr("jouleswarm.common.process.use_one_thread", lambda: None)  # it would stay so for later tests
 
     def call(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["jouleswarm", "calibrate", *arguments])
