@@ -62,7 +62,10 @@ class Energy(Section):
     ul_bit_per_s: BitRate | None = Field(None, description="uplink rate; default: not known, and no seconds told")
     sl_bit_per_s: BitRate | None = Field(None, description="sidelink rate")
     dl_bit_per_s: BitRate | None = Field(None, description="downlink rate; default: as uplink")
-    idle_w: IdleWatts = Field(0.0, description="power of a robot that waits")
+    medium: Literal["shared", "own"] = Field(
+        "shared", description="one channel a cluster, messages one after the other, or each link its own at once"
+    )
+    idle_w: IdleWatts = Field(0.0, description="power of a robot that waits for others, see docs/time.md")
     datacenter_idle_w: IdleWatts = Field(0.0, description="power of the data center while it waits, before gamma")
     motion_j: Joules = Field(0.0, description="of one motion of a robot, evaluation's motions too")
     motion_s: Duration = Field(0.0, description="time of one motion")
@@ -103,6 +106,18 @@ class Energy(Section):
         """Whether counts by phase are enough for the bill: the paper's constants, the same for every robot and link."""
         more = self.loss, self.idle_w, self.datacenter_idle_w, self.motion_j, self.forward_j
         return not self._own and self._links is None and not any(more)
+
+    @property
+    def waits_cost(self) -> bool:
+        """Whether waiting costs anybody anything."""
+        return any((self.datacenter_idle_w, *(each.idle_w for each in (self, *self._own.values()))))
+
+    @property
+    def tells_time(self) -> bool:
+        """Whether anything is given that takes or costs time beside gradients: rates, motions, waiting."""
+        fields = "ul_bit_per_s", "sl_bit_per_s", "dl_bit_per_s", "motion_s"
+        given = [getattr(each, name) for each in (self, *self._own.values()) for name in fields]
+        return self.waits_cost or any([*given, *(link.bit_per_s for link in (self._links or {}).values())])
 
     def of(self, robot: int) -> Energy:
         """The constants that hold for one robot; for the data center's own they are these."""

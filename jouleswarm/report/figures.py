@@ -15,6 +15,7 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure
+from jouleswarm.report.times import time_figure
 from jouleswarm.runs.run import Run
 
 CAPTIONS = {
@@ -24,6 +25,8 @@ CAPTIONS = {
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
     "episodes; dashed is the reward at which a task counts as learned; a cross ends a task that was not.",
+    "time": "Energy (equations (8)-(12), measured payload bytes) against seconds to learn, an arm a point; dashed "
+    "through the arms that no other beats in both.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }
 STYLE: dict[Any, Any] = {
@@ -51,13 +54,17 @@ _FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
 }
 
 
+def _drawn(energy: Energy) -> dict[str, Callable[[Run, Energy], Figure]]:
+    return _FIGURES | ({"time": time_figure} if energy.tells_time else {})
+
+
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
-    """Draw all figures into RUN/figures; at other prices (`suffix`) only the one that prices change."""
+    """Draw all figures into RUN/figures; at other prices (`suffix`) only those that prices change."""
     folder = run.path / "figures"
     folder.mkdir(exist_ok=True)
     written = []
-    for name, draw in _FIGURES.items():
-        if suffix and name != "energy":
+    for name, draw in _drawn(energy).items():
+        if suffix and name not in ("energy", "time"):
             continue
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
             figure = draw(run, energy)
@@ -71,7 +78,7 @@ def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     """Figures by name as SVG elements for one HTML page: the page's text colour, no two ids alike."""
     found = {}
-    for name, draw in _FIGURES.items():
+    for name, draw in _drawn(energy).items():
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
             draw(run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)

@@ -32,6 +32,7 @@ from jouleswarm.report.tables import (
     sites_tables,
     totals_table,
 )
+from jouleswarm.report.times import seconds_tables
 from jouleswarm.runs.run import Run, load_run
 
 __all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
@@ -85,6 +86,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
         *causes_tables(run, energy),
         *sites_tables(run, energy),
         *lost_tables(run, energy),
+        *seconds_tables(run, energy),
         bytes_table(run, energy),
     ]
     for line in warnings(run):
