@@ -21,6 +21,7 @@ from jouleswarm.common.scenario.bounds import (
     Pue,
     Watts,
 )
+from jouleswarm.common.scenario.countries import Country, intensities
 from jouleswarm.common.scenario.links import DATA_CENTER, LinkConstants, Links, missing
 from jouleswarm.common.scenario.robots import OwnConstants, Robot
 from jouleswarm.common.scenario.sections import Section, each_once
@@ -79,12 +80,26 @@ class Energy(Section):
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
 
+    datacenter_country: Country | None = Field(
+        None, description="two letters of ISO 3166-1, FI: its yearly average in place of datacenter_g_per_kwh"
+    )
+    robots_country: Country | None = Field(None, description="the same in place of robots_g_per_kwh")
+    carbon_by_hour: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="a table of columns hour (0, 1, ...) and g_per_kwh, NAME.csv beside the scenario, for a site "
+        "without number and country; after its last hour comes its first",
+    )
+    start_hour: float = Field(0.0, ge=0, le=8784, description="hour of that table in which an arm begins")
+
     _each_once = field_validator("prices")(each_once)
     _own: dict[int, OwnConstants] = PrivateAttr(default_factory=dict)
     _links: Links | None = PrivateAttr(None)
+    _hours: tuple[float, ...] = PrivateAttr(())
 
-    def for_fleet(self, robots: Iterable[Robot], links: Links | None) -> Self:
-        """The same with what robots and links have of their own.
+    def for_fleet(self, robots: Iterable[Robot], links: Links | None, hours: tuple[float, ...] = ()) -> Self:
+        """The same with what robots, links and hours have of their own.
 
         Raises:
             ConfigurationError: a robot is of a kind that there is not.
@@ -98,7 +113,7 @@ class Energy(Section):
                 raise ConfigurationError(f"robot {robot.id}: its kind is {robot.kind!r}, expected {known}")
             if own := kind.own | robot.own:
                 other._own[robot.id] = OwnConstants(**own)
-        other._links = links
+        other._links, other._hours = links, hours
         return other
 
     @property
@@ -118,6 +133,26 @@ class Energy(Section):
         fields = "ul_bit_per_s", "sl_bit_per_s", "dl_bit_per_s", "motion_s"
         given = [getattr(each, name) for each in (self, *self._own.values()) for name in fields]
         return self.waits_cost or any([*given, *(link.bit_per_s for link in (self._links or {}).values())])
+
+    @property
+    def hours(self) -> tuple[float, ...]:
+        """gCO2e a kWh of each hour; empty without a table."""
+        return self._hours
+
+    @property
+    def has_own_carbon(self) -> bool:
+        """Whether any robot is charged elsewhere than the others."""
+        return any(own.g_per_kwh is not None for own in self._own.values())
+
+    def intensity_of(self, who: int | None) -> float | None:
+        """gCO2e a kWh where a robot is charged, of 0 where the data center is, of None where robots are unless told:
+        the number, else the country's; None: neither is given."""
+        if who == DATA_CENTER:
+            g_per_kwh, country = self.datacenter_g_per_kwh, self.datacenter_country
+        else:
+            g_per_kwh = (self if who is None else self.of(who)).robots_g_per_kwh
+            country = self.robots_country
+        return intensities()[country] if g_per_kwh is None and country is not None else g_per_kwh
 
     def of(self, robot: int) -> Energy:
         """The constants that hold for one robot; for the data center's own they are these."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.carbon import has_carbon
+from jouleswarm.energy.carbon import at_sites, has_carbon
 from jouleswarm.energy.literal import downlink_bit_per_j, literal
 from jouleswarm.energy.prices import own_lists
 from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, published, published_bill
@@ -29,7 +29,8 @@ def headline(run: Run, energy: Energy) -> str:
     )
     if not has_carbon(energy):
         return line
-    sites = {"data center": energy.datacenter_g_per_kwh, "robots": energy.robots_g_per_kwh}
+    known = at_sites(energy)
+    sites = {"data center": known.datacenter_g_per_kwh, "robots": known.robots_g_per_kwh}
     told = (f"{site} {'unknown' if value is None else f'{value:g}'}" for site, value in sites.items())
     return f"{line}; gCO2e/kWh: {', '.join(told)}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import PARTS, SITES, Cost, cause_parts, causes_of, site_parts
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price
@@ -78,7 +78,7 @@ def sites_tables(run: Run, energy: Energy) -> list[TextTable]:
             metered = run.facts[arm].metered
             cells = [joules_text(joules) for joules in site_parts(cost, metered).values()]
             if shown:
-                grams = carbon(cost, energy) if cost and metered else None
+                grams = carbon(cost, at_sites(energy, run.facts[arm])) if cost and metered else None
                 known = (grams.datacenter_g, grams.robots_g, grams.total_g) if grams else (None, None, None)
                 cells += [grams_text(value) for value in known]
             rows.append([labels(run.scenario)[arm], *cells])

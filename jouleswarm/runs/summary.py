@@ -16,7 +16,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill, Cost, Joules, cause_parts, causes_of, parts, site_parts
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, price_lists, with_beta
@@ -124,7 +124,7 @@ def _arm_summary(
             "by_site": site_parts(priced.both, metered),
             **{each.name: _own_bill(each, done, energy) for each in own},
         },
-        "carbon_g": carbon_parts(priced.both, scenario.energy, metered),
+        "carbon_g": carbon_parts(priced.both, at_sites(energy, done), metered),
         "seconds": seconds_parts(done, energy),
         **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
@@ -144,5 +144,5 @@ def _own_bill(prices: PriceList, facts: Facts, energy: Energy) -> dict[str, Any]
         **(bill_parts(priced, metered) or {}),
         "by_cause": _by_cause(cost, metered),
         "by_site": site_parts(cost, metered),
-        **({"carbon_g": grams} if (grams := carbon_parts(cost, energy, metered)) else {}),
+        **({"carbon_g": grams} if (grams := carbon_parts(cost, at_sites(energy, facts), metered)) else {}),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.energy.carbon import Carbon, carbon, has_carbon
+from jouleswarm.energy.carbon import Carbon, at_sites, carbon, has_carbon
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.studies.estimates import Estimate, estimate
@@ -39,7 +39,7 @@ def carbon_estimates(
     if not has_carbon(energy):
         return ()
     bills = [priced(run, energy, prices) for run in runs]
-    grams = [carbon(bill, energy) if bill else Carbon(None, None) for bill in bills]
+    grams = [carbon(bill, at_sites(energy)) if bill else Carbon(None, None) for bill in bills]
     return tuple(_known([getattr(each, name) for each in grams]) for name in _NAMES)
 
 
