@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Callable
 
+from jouleswarm.agents.battery import is_empty
 from jouleswarm.agents.explorer import Explorer
 from jouleswarm.agents.memory import Memory
 from jouleswarm.agents.meta_stage import MetaLink
@@ -158,7 +159,8 @@ class Robot:
             way.meet(round_)
             cluster_reward = ledger.cluster_reward(round_)
             learned = cluster_reward is not None and cluster_reward >= settings.target_reward
-            last = learned or round_ >= settings.max_rounds
+            empty = not learned and is_empty(scenario, arm, neighbourhood, self._meter, round_)
+            last = learned or empty or round_ >= settings.max_rounds
             if not last or self.memory.keeps_ends:
                 way.go_on()
             row = self._row("fl", arm.name, round_, begun).model_copy(
@@ -172,6 +174,8 @@ class Robot:
                 }
             )
             exchange.report(row)
+            if empty:
+                log.warning("robot %d: battery empty after round %d of %s", self.agent, round_, arm.name)
             if last:
                 break
             if exchange.ahead:

@@ -73,7 +73,10 @@ class Energy(Section):
     forward_j: Joules = Field(
         0.0, description="of one forward pass of a robot: each motion of a greedy episode has one"
     )
-    battery_j: Joules | None = Field(None, description="what a robot's battery holds; default: no end")
+    battery_j: Joules | None = Field(
+        None,
+        description="what a robot's battery holds as an arm begins; who cannot pay for another round stops",
+    )
     kinds: dict[str, OwnConstants] = Field(
         {}, description="[energy.kinds.NAME]: constants of a kind of robots, that [[robots]] name by `kind`"
     )
@@ -121,6 +124,11 @@ class Energy(Section):
         """Whether counts by phase are enough for the bill: the paper's constants, the same for every robot and link."""
         more = self.loss, self.idle_w, self.datacenter_idle_w, self.motion_j, self.forward_j
         return not self._own and self._links is None and not any(more)
+
+    @property
+    def has_battery(self) -> bool:
+        """Whether any robot can run empty."""
+        return any(each.battery_j is not None for each in (self, *self._own.values()))
 
     @property
     def waits_cost(self) -> bool:

@@ -21,7 +21,7 @@ from jouleswarm.report.tables import (
     sites_tables,
     totals_table,
 )
-from jouleswarm.report.times import seconds_tables
+from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.runs.run import Run
 
 _STYLE = """
@@ -67,7 +67,7 @@ def page(run: Run, energy: Energy) -> str:
         _paragraphs(verdicts(run, energy), "verdict"),
         _table(totals_table(run, energy)),
         *map(_table, (*causes_tables(run, energy), *sites_tables(run, energy), *lost_tables(run, energy))),
-        *map(_table, seconds_tables(run, energy)),
+        *map(_table, (*seconds_tables(run, energy), *battery_tables(run, energy))),
         _table(rounds_table(run)),
         _table(rewards_table(run)),
         _table(bytes_table(run, energy)),

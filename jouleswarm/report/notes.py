@@ -185,6 +185,8 @@ def _notes_of_the_processors(run: Run) -> list[str]:
 def _notes_of_faults(run: Run) -> list[str]:
     """What faults have cost in bytes; nothing where nothing has failed."""
     lines = []
+    if empty := _emptied(run):
+        lines.append(f"Batteries empty: {'; '.join(empty)}.")
     if any(row.missed for row in run.rows):
         lines.append(f"Robots went on without neighbours that were gone: {'; '.join(_missed(run))}.")
     found = conservation(run.meter_rows)
@@ -208,6 +210,13 @@ def _notes_of_faults(run: Run) -> list[str]:
             f"{worst.delivered} (messages, bytes)."
         )
     return lines
+
+
+def _emptied(run: Run) -> list[str]:
+    """Who stopped before its task was learned and its rounds were over: nothing but an empty battery does that."""
+    names, most = labels(run.scenario), run.scenario.federation.max_rounds
+    ends = [row for row in run.rows if row.learned is False and row.round < most]
+    return [f"{names[row.arm]}: robot {row.agent} after round {row.round}" for row in ends]
 
 
 def _missed(run: Run) -> list[str]:

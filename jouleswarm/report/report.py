@@ -32,7 +32,7 @@ from jouleswarm.report.tables import (
     sites_tables,
     totals_table,
 )
-from jouleswarm.report.times import seconds_tables
+from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.runs.run import Run, load_run
 
 __all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
@@ -87,6 +87,7 @@ def print_report(run: Run, energy: Energy | None = None, console: Console | None
         *sites_tables(run, energy),
         *lost_tables(run, energy),
         *seconds_tables(run, energy),
+        *battery_tables(run, energy),
         bytes_table(run, energy),
     ]
     for line in warnings(run):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 from matplotlib.figure import Figure
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.battery import lives
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, with_beta
 from jouleswarm.energy.times import Seconds, Times, times
 from jouleswarm.report.arms import INK, colours, labels
 from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
-from jouleswarm.report.format import TextTable, number_text
+from jouleswarm.report.format import TextTable, joules_text, number_text
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.seconds import front
 
@@ -29,6 +32,23 @@ def seconds_tables(run: Run, energy: Energy) -> list[TextTable]:
         title += " (computing alone: communication is not known, give rates of all links in bit/s)"
     headings = ["arm", "stage", *(f"task {task}" for task in run.scenario.clusters), "all", "of that on links"]
     return [TextTable(title, headings, rows)]
+
+
+def battery_tables(run: Run, energy: Energy) -> list[TextTable]:
+    """How long robots' batteries last; none where no robot has one."""
+    if not energy.has_battery:
+        return []
+    rows = []
+    for arm, name in labels(run.scenario).items():
+        held = lives(facts := run.facts[arm], with_beta(energy, facts))
+        ends = {robot: math.inf if each.rounds is None else each.rounds for robot, each in held.items()}
+        cells: list[str] = []
+        for robot in (min(ends, key=ends.__getitem__), max(ends, key=ends.__getitem__)) if ends else ():
+            after = "no end" if held[robot].rounds is None else f"{held[robot].rounds}"
+            cells += [f"robot {robot}", joules_text(held[robot].round_j), after]
+        rows.append([name, *(cells or ["-"] * 6)])
+    headings = ["arm", "first empty", "a round", "after rounds", "last empty", "a round", "after rounds"]
+    return [TextTable("Batteries, full as each arm begins", headings, rows)]
 
 
 def time_figure(run: Run, energy: Energy) -> Figure:

@@ -15,6 +15,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.battery import lives
 from jouleswarm.energy.bill import Bill, Cost, Joules, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import Facts
@@ -112,6 +113,7 @@ def _arm_summary(
     kept = arm_facts(scenario, rows, meter_rows, arm.name) if lost else done
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
     priced = literal.price(done, energy)
+    held = lives(done, energy) if energy.has_battery else {}
     return {
         "method": arm.method,
         "t0": done.t0,
@@ -126,6 +128,7 @@ def _arm_summary(
         },
         "carbon_g": carbon_parts(priced.both, at_sites(energy, done), metered),
         "seconds": seconds_parts(done, energy),
+        **({"battery": {str(robot): each._asdict() for robot, each in held.items()}} if held else {}),
         **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
     }
