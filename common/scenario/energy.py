@@ -126,20 +126,25 @@ class Energy(Section):
         return not self._own and self._links is None and not any(more)
 
     @property
+    def _all(self) -> tuple[Energy | OwnConstants, ...]:
+        """These constants, and those that robots have of their own."""
+        return self, *self._own.values()
+
+    @property
     def has_battery(self) -> bool:
         """Whether any robot can run empty."""
-        return any(each.battery_j is not None for each in (self, *self._own.values()))
+        return any(each.battery_j is not None for each in self._all)
 
     @property
     def waits_cost(self) -> bool:
         """Whether waiting costs anybody anything."""
-        return any((self.datacenter_idle_w, *(each.idle_w for each in (self, *self._own.values()))))
+        return any((self.datacenter_idle_w, *(each.idle_w for each in self._all)))
 
     @property
     def tells_time(self) -> bool:
         """Whether anything is given that takes or costs time beside gradients: rates, motions, waiting."""
         fields = "ul_bit_per_s", "sl_bit_per_s", "dl_bit_per_s", "motion_s"
-        given = [getattr(each, name) for each in (self, *self._own.values()) for name in fields]
+        given = [getattr(each, name) for each in self._all for name in fields]
         return self.waits_cost or any([*given, *(link.bit_per_s for link in (self._links or {}).values())])
 
     @property

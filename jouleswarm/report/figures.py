@@ -20,7 +20,7 @@ from jouleswarm.runs.run import Run
 
 CAPTIONS = {
     "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), measured payload bytes; "
-    "closed form where nothing was metered). Plain: learning; hatched: communication.",
+    "closed form where nothing was metered). Plain: learning, acting and waiting; hatched: communication.",
     "rounds": "Rounds of meta-learning in the data center and rounds until each task was learned; a cross marks a "
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "

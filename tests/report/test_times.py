@@ -7,13 +7,15 @@ of a task is 20 gradients (8 s) and two messages of 5 kB (2 s).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from jouleswarm.common.scenario.reading import with_prices
 from jouleswarm.report.figures import write_figures
-from jouleswarm.report.times import seconds_tables, time_figure
+from jouleswarm.report.notes import notes
+from jouleswarm.report.times import battery_tables, seconds_tables, time_figure
 from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.seconds import front
 from jouleswarm.runs.summary import summarise
@@ -66,3 +68,23 @@ def test_the_figure_has_an_arm_a_point_and_is_written_at_other_prices_too(run: R
 
 def test_the_front_leaves_out_what_another_beats() -> None:
     assert front({"a": (1, 5), "b": (2, 3), "c": (3, 4), "d": (2, 3), "e": (1, 6), "f": (9, 1)}) == ["a", "b", "d", "f"]
+
+
+def test_the_report_tells_how_long_batteries_last(run: Run) -> None:
+    # A round is 20 gradients at 2.04 J and 5 kB at 500 kb/J, 40.88 J: 24 rounds of 983 J. In maml robots 1 and 3 have
+    # sent 60 kB up before, 2.4 J: 23 rounds of what is left.
+    assert battery_tables(run, run.scenario.energy) == []
+    (table,) = battery_tables(run, with_prices(run.scenario, ["energy.battery_j=983"], "made-up").energy)
+    assert [row[1:] for row in table.rows] == [
+        ["robot 1", "40.88 J", "23", "robot 2", "40.88 J", "24"],
+        ["robot 1", "40.88 J", "24", "robot 1", "40.88 J", "24"],
+    ]
+
+
+def test_a_robot_whose_battery_was_empty_is_named(run: Run) -> None:
+    assert not any(line.startswith("Batteries empty") for line in notes(run, run.scenario.energy))
+    left = [row for row in run.rows if (row.arm, row.agent) != ("fl", 4) or row.round < 7]
+    last = next(row for row in run.rows if (row.arm, row.agent, row.round) == ("fl", 4, 7))
+    rows = [*left, last.model_copy(update={"learned": False})]
+    told = notes(replace(run, rows=rows), run.scenario.energy)
+    assert "Batteries empty: FL, no transfer: robot 4 after round 7." in told
