@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.links import read_links
 from jouleswarm.common.scenario.robots import Robot
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.facts import STAGE, Facts, Flow, Work
@@ -62,6 +65,31 @@ def test_via_the_base_station_a_message_takes_both_hops() -> None:
     assert times(_cluster(), shared).tasks[1].communication_s == pytest.approx(10 * 3 * 2.25)
     own = shared.model_copy(update={"medium": "own"})
     assert times(_cluster(), own).tasks[1].communication_s == pytest.approx(10 * 2.25)
+
+
+def test_rates_of_a_table_and_a_relayed_path(tmp_path: Path) -> None:
+    lines = "from,to,bit_per_j,bit_per_s,via\n1,2,9,1000,\n2,3,9,4000,\n3,1,,,2\n3,2,9,500,\n2,1,9,2000,\n"
+    (tmp_path / "links.csv").write_text(lines)
+    energy = Energy().for_fleet(ROBOTS, read_links(tmp_path / "links.csv", (1, 2, 3)))
+    assert energy.tells_time
+    # 1000 bit a round: 1 s, 0.25 s, and from 3 by 2 to 1 2 + 0.5 s.
+    assert times(_cluster(), energy).tasks[1].communication_s == pytest.approx(10 * 3.75)
+    own = energy.model_copy(update={"medium": "own"})
+    assert times(_cluster(), own).tasks[1].communication_s == pytest.approx(10 * 2.5)
+
+
+def test_a_data_center_in_the_rounds_is_waited_for_and_waits() -> None:
+    flows = [_flow(Link.UPLINK, robot, 0, 1250) for robot in (1, 2)]  # 1 s a round each
+    flows += [_flow(Link.DOWNLINK, 0, robot, 1250) for robot in (1, 2)]  # 0.5 s a round each
+    work = (Work("fl", 1, 1, 50, 0, 1.0, ROUNDS), Work("fl", 1, 2, 50, 0, 1.0, ROUNDS), Work("fl", 1, 0, 20, 0, 1.0))
+    facts = Facts(
+        "c", "c", 0, {}, {1: ROUNDS}, {1: 2}, {1: 0}, known_flows=tuple(flows), known_work=work, known_sent=()
+    )
+    energy = _energy(ul_bit_per_s=1000, dl_bit_per_s=2000, t0_batch_s=0.1, idle_w=1, datacenter_idle_w=1, pue=1)
+    # A round: 5 x 0.3 s of robot 2, 2 x 0.1 s of the data center, 2 s up, 1 s down: 4.7 s.
+    assert times(facts, energy).tasks[1] == Seconds(ROUNDS, pytest.approx(17), pytest.approx(30))
+    spent = {item.payer: item.joules for item in items(facts, energy) if item.field.startswith("waiting")}
+    assert spent == pytest.approx({0: 10 * (4.7 - 0.2 - 1), 1: 10 * (4.7 - 0.5 - 1), 2: 10 * (4.7 - 1.5 - 1)})
 
 
 def test_what_is_lost_is_sent_again_and_takes_longer() -> None:
