@@ -56,8 +56,7 @@ def main(
     Example: python -m jouleswarm.agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario quick
     """
     with process(f"robot {id}", verbose=verbose):
-        # Late imports: --help and a wrong option answer at once.
-        from jouleswarm.agents.robot import run_agent
+        # Late imports: --help and a wrong option answer at once, without PyTorch.
         from jouleswarm.common.bus.joining import Begun, join
         from jouleswarm.common.disk.state import Keep
         from jouleswarm.common.errors import ConfigurationError, RunError, usable
@@ -71,6 +70,8 @@ def main(
                 f"--task {task}: the scenario gives robot {id} task {assigned}; robots of task {task}: "
                 f"{list(settings.clusters.get(task, ()))}"
             )
+        from jouleswarm.agents.robot import run_agent
+
         keep = Keep(state, durable, keep_state or keep_ends, keep_ends)
         name, bus = join(settings, id, Begun(broker, keys, run, keep, other_processor), arithmetic)
         with usable("--state", state, RunError):

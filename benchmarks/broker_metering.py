@@ -8,12 +8,11 @@ Wall time of a run with metering against one without does not resolve this: it v
 from __future__ import annotations
 
 import os
-import time
 
 import psutil
 
-from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, fan_out
-from benchmarks.brokers import embedded
+from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, cpu_s, fan_out
+from benchmarks.harness import embedded, seconds
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.bus.paho_client import wire_id
@@ -24,10 +23,12 @@ TOPIC = f"{RUN}/ul/1/1/experience"
 def count_s(repeats: int = 200_000) -> float:
     """Seconds to count one packet."""
     meter, client_id = BrokerMeter(), wire_id("agent-1")
-    start_s = time.perf_counter()
-    for _ in range(repeats):
-        meter.delivered(client_id, TOPIC, FRAME_BYTES, FRAME_BYTES + 50)
-    return (time.perf_counter() - start_s) / repeats
+
+    def count() -> None:
+        for _ in range(repeats):
+            meter.delivered(client_id, TOPIC, FRAME_BYTES, FRAME_BYTES + 50)
+
+    return seconds(count) / repeats
 
 
 def packet_s(case: Case, rounds: int) -> float:
@@ -41,15 +42,14 @@ def packet_s(case: Case, rounds: int) -> float:
                 publisher.publish(TOPIC, payload)
 
         crew.round_s(act)
-        before = process.cpu_times()
+        before_s = cpu_s(process)
         for _ in range(rounds):
             crew.round_s(act)
-        after = process.cpu_times()
+        spent_s = cpu_s(process) - before_s
         crew.end()
         publisher.close()
     subscribers = case.delivered_bytes // (case.messages * case.size_bytes)
-    seconds = after.user + after.system - before.user - before.system
-    return seconds / (rounds * case.messages * (1 + subscribers))
+    return spent_s / (rounds * case.messages * (1 + subscribers))
 
 
 def main() -> None:

@@ -9,26 +9,26 @@ where the scheduler puts the processes, so the brokers' processor time a round i
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import multiprocessing
 import os
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 import psutil
 
-from benchmarks.brokers import embedded, mosquitto
+from benchmarks.harness import embedded, in_turn, mosquitto, parser, ratio, seconds
 from jouleswarm.common.bus.mqtt import MqttBus
 
 WEIGHTS_BYTES = 5_565_072
 FRAME_BYTES = 1_228_800
 FRAMES = 20
 ROBOTS = 12
+PUBACK_BYTES = 4
 RUN = "jouleswarm/bench/maml"
 
 
@@ -75,6 +75,26 @@ def data_center(url: str, pipe: Connection) -> None:
     bus.close()
 
 
+def ring_robot(url: str, number: int, robots: int, pipe: Connection) -> None:
+    """One round: weights to both neighbours of a ring, theirs in; in the end wire and payload bytes are told."""
+    bus = MqttBus.connect(url, f"agent-{number}")
+    neighbours = ((number + 1) % robots, (number - 1) % robots)
+    bus.subscribe(*(f"{RUN}/sl/1/{neighbour}/weights" for neighbour in neighbours))
+    weights = os.urandom(WEIGHTS_BYTES)
+    pipe.send("ready")
+    while pipe.recv():
+        bus.publish(f"{RUN}/sl/1/{number}/weights", weights)
+        for _ in neighbours:
+            message = bus.receive()
+            assert message is not None
+            assert len(message.payload) == WEIGHTS_BYTES
+        pipe.send("done")
+    bus.close()
+    rows = bus.meter.rows()
+    wire_bytes = sum(row.packet_bytes + PUBACK_BYTES * row.messages for row in rows)
+    pipe.send((wire_bytes, sum(row.payload_bytes for row in rows)))
+
+
 class Crew:
     """Client processes that all do a round when told."""
 
@@ -92,10 +112,12 @@ class Crew:
     def round_s(self, act: Callable[[], None]) -> float:
         for pipe in self._pipes:
             pipe.send(True)
-        start_s = time.perf_counter()
-        act()
-        self._gather()
-        return time.perf_counter() - start_s
+
+        def whole_round() -> None:
+            act()
+            self._gather()
+
+        return seconds(whole_round)
 
     def end(self, *, answers: bool = False) -> list[Any]:
         """End the clients; gives what each says last, if it does."""
@@ -153,20 +175,19 @@ def measure(case: Case, urls: dict[str, str], rounds: int) -> dict[str, list[flo
     crews = {name: Crew(case.crew(url)) for name, url in urls.items()}
     publishers = {name: MqttBus.connect(url, "publisher") for name, url in urls.items()}
     payload = os.urandom(case.size_bytes)
-    seconds: dict[str, list[float]] = {name: [] for name in urls}
-    for number in range(rounds + 1):
-        names = list(urls) if number % 2 else list(reversed(urls))
-        for name in names:
 
-            def act(bus: MqttBus = publishers[name]) -> None:
-                for _ in range(case.messages):
-                    bus.publish(f"{RUN}/ul/1/1/experience", payload)
+    def one_round(name: str) -> float:
+        def act() -> None:
+            for _ in range(case.messages):
+                publishers[name].publish(f"{RUN}/ul/1/1/experience", payload)
 
-            seconds[name].append(crews[name].round_s(act))
+        return crews[name].round_s(act)
+
+    found = in_turn({name: partial(one_round, name) for name in urls}, rounds)
     for name in urls:
         crews[name].end()
         publishers[name].close()
-    return {name: values[1:] for name, values in seconds.items()}
+    return found
 
 
 def cpu_s(process: psutil.Process) -> float:
@@ -175,11 +196,11 @@ def cpu_s(process: psutil.Process) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--no-meter", action="store_true", help="switch the embedded broker's metering off")
-    parser.add_argument("--case", help="only cases whose name contains this")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=15)
+    known.add_argument("--no-meter", action="store_true", help="switch the embedded broker's metering off")
+    known.add_argument("--case", help="only cases whose name contains this")
+    options = known.parse_args()
     with contextlib.ExitStack() as stack:
         brokers = {"embedded": stack.enter_context(embedded(*(["--no-meter"] if options.no_meter else [])))}
         brokers["mosquitto"] = stack.enter_context(mosquitto())
@@ -195,18 +216,14 @@ def main() -> None:
                 continue
             rounds = max(3, options.rounds // 3) if not case.messages else options.rounds
             before_s = {name: cpu_s(process) for name, process in processes.items()}
-            seconds = measure(case, urls, rounds)
+            found = measure(case, urls, rounds)
             cpu_ms = [(cpu_s(processes[name]) - before_s[name]) / (rounds + 1) * 1e3 for name in urls]
             cells = (
                 f"{statistics.median(each) * 1e3:12.1f} ({case.delivered_bytes / 1e6 / statistics.median(each):6.0f})"
-                for each in seconds.values()
+                for each in found.values()
             )
-            ratios = (
-                f"{statistics.median(b / a for a, b in zip(seconds['embedded'], each, strict=True)):.2f} {name}"
-                for name, each in seconds.items()
-                if name != "embedded"
-            )
-            row = f"{case.name:20}" + "".join(f"{cell:>24}" for cell in cells) + f"{', '.join(ratios):>17}"
+            faster = f"{ratio(found['mosquitto'], found['embedded']):.2f} mosquitto"
+            row = f"{case.name:20}" + "".join(f"{cell:>24}" for cell in cells) + f"{faster:>17}"
             print(row + "   " + " against ".join(f"{each:.1f}" for each in cpu_ms), flush=True)
 
 

@@ -10,7 +10,6 @@ and without a neighbour to wait for.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import statistics
 import tempfile
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from benchmarks.harness import compare, in_turn, parser
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire.rows import RoundRow
@@ -31,15 +31,13 @@ SETTINGS = ['methods=["fl"]', "federation.target_reward=1e9"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=10)
-    parser.add_argument("--pairs", type=int, default=3, help="how often both sides are measured, in turn")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=10)
+    known.add_argument("--pairs", type=int, default=3, help="how often both sides are measured, in turn")
+    options = known.parse_args()
     overrides = [*SETTINGS, f"federation.max_rounds={options.rounds}", _one_task()]
-    pairs = [(_over_the_bus(overrides), _in_memory(overrides)) for _ in range(options.pairs)]
-    bus_s, memory_s = (statistics.median(side) for side in zip(*pairs, strict=True))
-    ratio = statistics.median(bus / memory for bus, memory in pairs)
-    print(f"a round: bus {bus_s:.3f} s, in memory {memory_s:.3f} s, ratio {ratio:.3f} (goal: 1.10)")
+    sides = {"bus": lambda: _over_the_bus(overrides), "in memory": lambda: _in_memory(overrides)}
+    print(f"{compare('a round', in_turn(sides, options.pairs, 0), 's', 1)} (goal: 1.10)")
 
 
 def _over_the_bus(overrides: list[str]) -> float:

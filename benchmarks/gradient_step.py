@@ -8,15 +8,15 @@ bare loop has its batches ready as tensors; the robot draws and converts them fr
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
+from benchmarks.harness import compare, in_turn, seconds
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
@@ -29,18 +29,8 @@ STEPS, REPEATS = 10, 7
 def main() -> None:
     use_one_thread()
     scenario = load_scenario("paper")
-    robot, bare = _robot(scenario), _bare(scenario)
-    robot(), bare()  # warm-up
-    pairs = [(_seconds(robot), _seconds(bare)) for _ in range(REPEATS)]
-    ours, theirs = (statistics.median(side) / STEPS * 1e3 for side in zip(*pairs, strict=True))
-    ratio = statistics.median(a / b for a, b in pairs)
-    print(f"robot {ours:.1f} ms a step, bare loop {theirs:.1f} ms a step, ratio {ratio:.3f}")
-
-
-def _seconds(body: Callable[[], None]) -> float:
-    begun = time.perf_counter()
-    body()
-    return time.perf_counter() - begun
+    sides = {"robot": partial(seconds, _robot(scenario)), "bare loop": partial(seconds, _bare(scenario))}
+    print(compare("a step", in_turn(sides, REPEATS), factor=1e3 / STEPS))
 
 
 def _robot(scenario: Scenario) -> Callable[[], None]:

@@ -8,12 +8,12 @@ that sums over processes are real memory. USS is what a process has for itself a
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from pathlib import Path
 
 import psutil
 
+from benchmarks.harness import parser
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.wire import topics
@@ -25,9 +25,9 @@ SAMPLE_S = 0.5
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=3, help="MAML rounds and FL rounds of the peak's run")
-    rounds = parser.parse_args().rounds
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=3, help="MAML rounds and FL rounds of the peak's run")
+    rounds = known.parse_args().rounds
     overrides = [f"meta.t0={rounds}", "meta.snapshots=[]", f"federation.max_rounds={rounds}", 'methods=["maml"]']
     overrides += ["federation.target_reward=1e9"]
     scenario = load_scenario(SCENARIO, overrides)

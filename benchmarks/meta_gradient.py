@@ -5,10 +5,9 @@ python -m benchmarks.meta_gradient [--scenario scenarios/quick.toml] [--out resu
 
 from __future__ import annotations
 
-import argparse
-import csv
 from pathlib import Path
 
+from benchmarks.harness import parser, write_rows
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.learning.heads import head_of
@@ -19,12 +18,12 @@ _COLUMNS = ("method", "inner_steps", "exact_s", "first_order_s", "ratio", "beta_
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenario", type=Path, default=Path("scenarios/quick.toml"))
-    parser.add_argument("--inner-steps", type=int, nargs="+", default=[1, 5, 10])
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--out", type=Path, help="write the table as CSV too")
-    arguments = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--scenario", type=Path, default=Path("scenarios/quick.toml"))
+    known.add_argument("--inner-steps", type=int, nargs="+", default=[1, 5, 10])
+    known.add_argument("--repeats", type=int, default=9)
+    known.add_argument("--out", type=Path, help="write the table as CSV too")
+    arguments = known.parse_args()
     use_one_thread()
     scenario = load_scenario(arguments.scenario)
     rows = []
@@ -36,10 +35,7 @@ def main() -> None:
             rows.append((method, inner, *(f"{each:.4g}" for each in figures)))
     for row in (_COLUMNS, *rows):
         print("  ".join(f"{cell!s:>13}" for cell in row))
-    if arguments.out:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        with arguments.out.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows((_COLUMNS, *rows))
+    write_rows(arguments.out, _COLUMNS, rows)
 
 
 if __name__ == "__main__":

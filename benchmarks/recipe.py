@@ -8,13 +8,9 @@ python -m benchmarks.recipe [--seeds 101 102] [--only recipe heads] [--out resul
 
 from __future__ import annotations
 
-import argparse
-import csv
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
+from benchmarks.harness import in_workers, workers_parser
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
@@ -67,25 +63,11 @@ def summary(scenario: Scenario, rows: Sequence[RoundRow], arm: str) -> tuple[int
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenario", default="scenarios/quick.toml")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
-    parser.add_argument("--only", nargs="+", choices=[*BOTH, *META_ONLY], default=[*BOTH, *META_ONLY])
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, help="write the rows as CSV too")
-    arguments = parser.parse_args()
-    jobs = [(variant, seed) for seed in arguments.seeds for variant in arguments.only]
-    rows: list[tuple[object, ...]] = []
-    print(",".join(COLUMNS), flush=True)
-    with ProcessPoolExecutor(arguments.workers) as pool:
-        for found in pool.map(measure, *zip(*jobs, strict=True), [arguments.scenario] * len(jobs)):
-            rows += found
-            for row in found:
-                print(",".join(map(str, row)), flush=True)
-    if arguments.out:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        with arguments.out.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows((COLUMNS, *rows))
+    known = workers_parser(__doc__)
+    known.add_argument("--only", nargs="+", choices=[*BOTH, *META_ONLY], default=[*BOTH, *META_ONLY])
+    options = known.parse_args()
+    jobs = [(variant, seed, options.scenario) for seed in options.seeds for variant in options.only]
+    in_workers(COLUMNS, measure, jobs, options)
 
 
 if __name__ == "__main__":

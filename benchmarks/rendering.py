@@ -7,13 +7,12 @@ One core. Each side is measured in the same run; the last line is the ratio.
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 
+from benchmarks.harness import parser, seconds
 from jouleswarm.codecs.frames import resize
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.environments.landmarks.camera import Camera
@@ -23,28 +22,22 @@ from jouleswarm.environments.landmarks.settings import camera_of, shared_obstacl
 
 def per_second(work: Callable[[int], object], count: int) -> float:
     """Calls of work(0), work(1), ... a second."""
-    begun = time.perf_counter()
-    for index in range(count):
-        work(index)
-    return count / (time.perf_counter() - begun)
+    return count / seconds(lambda: [work(index) for index in range(count)])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=1000)
-    parser.add_argument("--scenario", default="scenarios/paper.toml")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--frames", type=int, default=1000)
+    known.add_argument("--scenario", default="scenarios/paper.toml")
+    options = known.parse_args()
     cv2.setNumThreads(1)
     scenario = load_scenario(options.scenario)
     world, settings, network = world_of(scenario), camera_of(scenario), scenario.network
     cells = [(r, c) for r in range(world.rows) for c in range(world.cols)]
     rng = np.random.default_rng(0)
 
-    begun = time.perf_counter()
     camera = Camera(world, settings, shared_obstacles(scenario))
-    for cell in cells:
-        camera.frame(cell, rng)
-    cold_s = time.perf_counter() - begun
+    cold_s = seconds(lambda: [camera.frame(cell, rng) for cell in cells])
 
     scene = build_scene(world.rows, world.cols, shared_obstacles(scenario))
 

@@ -8,47 +8,21 @@ bytes per model byte and hop: all MQTT packets of both directions, acknowledgeme
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
-from multiprocessing.connection import Connection
 
-from benchmarks.broker_throughput import WEIGHTS_BYTES, Crew
-from benchmarks.brokers import embedded, mosquitto
-from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.wire import topics
+from benchmarks.broker_throughput import Crew, ring_robot
+from benchmarks.harness import embedded, mosquitto, parser
 
 ROBOTS = 4
-PUBACK_BYTES = 4
-
-
-def robot(url: str, number: int, pipe: Connection) -> None:
-    """Each round: publish the own weights, take both neighbours'. At the end says what its meter counted."""
-    bus = MqttBus.connect(url, f"agent-{number}")
-    neighbours = ((number + 1) % ROBOTS, (number - 1) % ROBOTS)
-    bus.subscribe(*(topics.weights("ring", "maml", 1, neighbour) for neighbour in neighbours))
-    weights = os.urandom(WEIGHTS_BYTES)
-    pipe.send("ready")
-    while pipe.recv():
-        bus.publish(topics.weights("ring", "maml", 1, number), weights)
-        for _ in neighbours:
-            message = bus.receive()
-            assert message is not None
-            assert len(message.payload) == WEIGHTS_BYTES
-        pipe.send("done")
-    bus.close()
-    rows = bus.meter.rows()
-    wire_bytes = sum(row.packet_bytes + PUBACK_BYTES * row.messages for row in rows)
-    pipe.send((wire_bytes, sum(row.payload_bytes for row in rows)))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=40)
-    parser.add_argument("--mosquitto", action="store_true", help="over Mosquitto in place of the embedded broker")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=40)
+    known.add_argument("--mosquitto", action="store_true", help="over Mosquitto in place of the embedded broker")
+    options = known.parse_args()
     with mosquitto() if options.mosquitto else embedded() as broker:
-        crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])
+        crew = Crew([(ring_robot, (broker.url, number, ROBOTS)) for number in range(ROBOTS)])
         seconds = [crew.round_s(lambda: None) for _ in range(options.rounds + 1)][1:]
         wire_bytes, payload_bytes = map(sum, zip(*crew.end(answers=True), strict=True))
     print(f"a round: median {statistics.median(seconds):.3f} s, slowest {max(seconds):.3f} s (goal: 0.35 s)")

@@ -9,9 +9,7 @@ descriptors grow, or where a message was refused, asked for again, or is in one 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import csv
 import json
 import os
 import signal
@@ -27,7 +25,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-MEGABYTE = 1024 * 1024
+from benchmarks.harness import MEGABYTE, parser, write_rows
+
 LIMIT_MB = 1.0  # in 1000 rounds
 WARM_UP = 0.25  # of the rounds: allocators, caches, the replay memory fill
 TOY = Path(__file__).parents[1] / "scenarios" / "toy.toml"
@@ -153,9 +152,7 @@ def soak(robots: int, minutes: float, every_s: float, out: Path | None, parent: 
     if early or not samples:
         print((parent / "output.txt").read_text()[-2000:])
         return False
-    if out is not None:
-        with out.open("w", newline="") as file:
-            csv.writer(file).writerows([list(Sample.__annotations__), *(vars(each).values() for each in samples)])
+    write_rows(out, list(Sample.__annotations__), [list(vars(each).values()) for each in samples])
     by_process: dict[str, list[Sample]] = defaultdict(list)
     for sample in samples:
         by_process[sample.process].append(sample)
@@ -178,12 +175,12 @@ def show(trends: Sequence[Trend], amiss: Sequence[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=24)
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--every-s", type=float, default=5.0)
-    parser.add_argument("--out", type=Path, help="samples as CSV")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--robots", type=int, default=24)
+    known.add_argument("--minutes", type=float, default=30.0)
+    known.add_argument("--every-s", type=float, default=5.0)
+    known.add_argument("--out", type=Path, help="samples as CSV")
+    options = known.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         sys.exit(0 if soak(options.robots, options.minutes, options.every_s, options.out, Path(folder)) else 1)
 

@@ -8,39 +8,16 @@ the rule without a shorter time for who holds more than its share.
 
 from __future__ import annotations
 
-import argparse
-import os
 import socket
 import threading
 import time
-from multiprocessing.connection import Connection
 
 import psutil
 
-from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, Crew
-from benchmarks.brokers import embedded
+from benchmarks.broker_throughput import ROBOTS, RUN, Crew, ring_robot
+from benchmarks.harness import MEGABYTE, embedded, parser
 from fuzz.hostile_packets import connect, subscribe
 from jouleswarm.common.bus.address import parse_url
-from jouleswarm.common.bus.mqtt import MqttBus
-
-MEGABYTE = 1024 * 1024
-
-
-def robot(url: str, number: int, pipe: Connection) -> None:
-    """A round: weights to both neighbours, both neighbours' weights in; nobody is told to begin the next one early."""
-    bus = MqttBus.connect(url, f"agent-{number}")
-    neighbours = ((number - 1) % ROBOTS, (number + 1) % ROBOTS)
-    bus.subscribe(*(f"{RUN}/sl/1/{each}/weights" for each in neighbours))
-    weights = os.urandom(WEIGHTS_BYTES)
-    pipe.send("ready")
-    while pipe.recv():
-        bus.publish(f"{RUN}/sl/1/{number}/weights", weights)
-        for _ in neighbours:
-            message = bus.receive()
-            assert message is not None
-            assert len(message.payload) == WEIGHTS_BYTES
-        pipe.send("done")
-    bus.close()
 
 
 def peak_watch(process: psutil.Process, peak: list[int], stop: threading.Event) -> None:
@@ -50,14 +27,14 @@ def peak_watch(process: psutil.Process, peak: list[int], stop: threading.Event) 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--pressed-s", type=float, default=10.0)
-    parser.add_argument("--stall-s", type=float, default=60.0)
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=8)
+    known.add_argument("--pressed-s", type=float, default=10.0)
+    known.add_argument("--stall-s", type=float, default=60.0)
+    options = known.parse_args()
     times = ("--pressed-stall-timeout-s", str(options.pressed_s), "--stall-timeout-s", str(options.stall_s))
     with embedded(*times) as broker, socket.socket() as stalled:
-        crew = Crew([(robot, (broker.url, number)) for number in range(ROBOTS)])
+        crew = Crew([(ring_robot, (broker.url, number, ROBOTS)) for number in range(ROBOTS)])
         address, process = parse_url(broker.url), psutil.Process(broker.pid)
         before, peak, stop = process.memory_info().rss, [0], threading.Event()
         watcher = threading.Thread(target=peak_watch, args=(process, peak, stop))
@@ -69,7 +46,7 @@ def main() -> None:
         total_s = time.monotonic() - begun_s
         stop.set()
         watcher.join()
-        crew.end()
+        crew.end(answers=True)
     print(
         f"{options.rounds} rounds of {ROBOTS} robots in {total_s:.1f} s: "
         + " ".join(f"{each:.1f}" for each in rounds_s)

@@ -10,17 +10,13 @@ python -m benchmarks.start_values [--seeds 101 102] [--rounds 0 42 66 90 132] [-
 
 from __future__ import annotations
 
-import argparse
-import csv
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from safetensors.numpy import load
 
+from benchmarks.harness import in_workers, workers_parser
 from jouleswarm.codecs.frames import resize
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
@@ -86,25 +82,11 @@ def _landmarks(settings: Scenario, task: int, policy: Policy) -> list[tuple[floa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenario", default="scenarios/quick.toml")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
-    parser.add_argument("--rounds", type=int, nargs="+", default=[0, 42, 66, 90, 132])
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, help="write the rows as CSV too")
-    arguments = parser.parse_args()
-    print(",".join(Row._fields), flush=True)
-    rows: list[Row] = []
-    with ProcessPoolExecutor(arguments.workers) as pool:
-        count = len(arguments.seeds)
-        for found in pool.map(measure, arguments.seeds, [arguments.rounds] * count, [arguments.scenario] * count):
-            rows += found
-            for row in found:
-                print(",".join(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row), flush=True)
-    if arguments.out:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        with arguments.out.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows((Row._fields, *rows))
+    known = workers_parser(__doc__)
+    known.add_argument("--rounds", type=int, nargs="+", default=[0, 42, 66, 90, 132])
+    options = known.parse_args()
+    jobs = [(seed, options.rounds, options.scenario) for seed in options.seeds]
+    in_workers(Row._fields, measure, jobs, options)
 
 
 if __name__ == "__main__":

@@ -7,16 +7,14 @@ Sender and receiver are two clients of one process. Each round measures both bro
 
 from __future__ import annotations
 
-import argparse
 import os
-import statistics
 import tempfile
-import time
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 from benchmarks.broker_throughput import WEIGHTS_BYTES
-from benchmarks.brokers import embedded
+from benchmarks.harness import compare, embedded, in_turn, parser, seconds
 from jouleswarm.common.bus.credentials import Credentials, credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.reading import load_scenario
@@ -40,28 +38,22 @@ class Pair:
 
     def seconds(self, payload: bytes) -> float:
         """From the word to send until the message has been received."""
-        begun_s = time.perf_counter()
-        self._sender.publish(TOPIC, payload)
-        self._receiver.receive()
-        return time.perf_counter() - begun_s
+        return seconds(lambda: (self._sender.publish(TOPIC, payload), self._receiver.receive()))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=40)
-    rounds = parser.parse_args().rounds
+    known = parser(__doc__)
+    known.add_argument("--rounds", type=int, default=40)
+    rounds = known.parse_args().rounds
     payload = os.urandom(WEIGHTS_BYTES)
     with ExitStack() as stack:
         keys = Path(stack.enter_context(tempfile.TemporaryDirectory()), "keys")
         make_keys(load_scenario(Path("scenarios/toy.toml")), keys, ["127.0.0.1", "localhost"], days=1)
         guarded = stack.enter_context(embedded("--keys", str(keys)))
         plain = stack.enter_context(embedded())
-        pairs = Pair(guarded.url, keys, stack), Pair(plain.url, None, stack)
-        taken = [[pair.seconds(payload) for pair in pairs] for _ in range(WARM_UP + rounds)][WARM_UP:]
-    with_access, without = (statistics.median(column) for column in zip(*taken, strict=True))
-    ratio = statistics.median(one / other for one, other in taken)
-    print(f"{WEIGHTS_BYTES / 1e6:.2f} MB to one subscriber: {1e3 * with_access:.1f} ms with access control, ", end="")
-    print(f"{1e3 * without:.1f} ms without; median ratio {ratio:.2f}")
+        pairs = {"with access control": Pair(guarded.url, keys, stack), "without": Pair(plain.url, None, stack)}
+        found = in_turn({name: partial(pair.seconds, payload) for name, pair in pairs.items()}, rounds, WARM_UP)
+    print(compare(f"{WEIGHTS_BYTES / 1e6:.2f} MB to one subscriber", found))
 
 
 if __name__ == "__main__":

@@ -50,19 +50,20 @@ def main(
     Example: python -m jouleswarm.datacenter --broker mqtt://localhost:1883 --scenario quick
     """
     with process("data center", verbose=verbose):
-        # Late imports: --help and a wrong option answer at once.
+        # Late imports: --help and a wrong option answer at once, without PyTorch.
         from jouleswarm.common.bus.joining import Begun, join
         from jouleswarm.common.disk.state import Keep
         from jouleswarm.common.disk.verify import check_states
         from jouleswarm.common.errors import ConfigurationError, RunError, usable
         from jouleswarm.common.host import arithmetic
         from jouleswarm.common.scenario.reading import load_scenario
-        from jouleswarm.datacenter.center import run_datacenter
-        from jouleswarm.learning.device import accelerator
 
         settings = load_scenario(scenario, set_ or ())
         if not settings.needs_datacenter:
             raise ConfigurationError(f"scenario {scenario}: methods {settings.methods} need no data center")
+        from jouleswarm.datacenter.center import run_datacenter
+        from jouleswarm.learning.device import accelerator
+
         keep = Keep(state, durable, keep_state or keep_ends, keep_ends)
         begun = Begun(broker, keys, run, keep, other_processor)
         name, bus = join(settings, 0, begun, lambda: arithmetic(accelerator()), check_states)

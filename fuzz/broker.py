@@ -9,31 +9,26 @@ otherwise. Connections end with RST, so that the machine does not run out of por
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import contextlib
 import itertools
-import json
 import math
 import random
 import socket
 import struct
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
 
+from benchmarks.harness import MEGABYTE, embedded, parser
 from fuzz.honest_pair import HonestPair
 from fuzz.hostile_packets import KINDS, Kind, connect
 from jouleswarm.common.bus.address import parse_url
 
-MEGABYTE = 1024 * 1024
 LIMITS = ("--max-retained-mb", "8", "--max-offline-sessions", "200")
 ANSWER_S = 30.0
 LINGER_S = 0.05  # for what the broker need not end
@@ -52,24 +47,6 @@ class Result:
     fds: tuple[int, int] = (0, 0)
     honest: dict[str, float] = field(default_factory=dict)
     wrong: list[str] = field(default_factory=list)
-
-
-@contextlib.contextmanager
-def broker_process(log: Path) -> Iterator[tuple[str, psutil.Process, subprocess.Popen[str]]]:
-    """URL and process of a broker with small limits, its log in a file."""
-    command = [sys.executable, "-m", "jouleswarm.broker", "--port", "0", "--no-metrics", "--exit-with-stdin", *LIMITS]
-    with (
-        log.open("w") as errors,
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
-    ):
-        assert process.stdin is not None
-        assert process.stdout is not None
-        url = json.loads(process.stdout.readline())["url"]
-        try:
-            yield url, psutil.Process(process.pid), process
-        finally:
-            process.stdin.close()
-            process.wait(timeout=ANSWER_S)
 
 
 async def be_hostile(kind: Kind, address: tuple[str, int], rng: random.Random) -> str:
@@ -134,8 +111,8 @@ def settled_fds(process: psutil.Process, wanted: int) -> int:
 
 def run(connections: int, seed: int, at_once: int, rss_limit_mb: float, log: Path, minutes: float = math.inf) -> Result:
     """Start a broker, attack it, and look at what is left."""
-    with broker_process(log) as (url, process, child), HonestPair(url) as pair:
-        address = parse_url(url)
+    with log.open("w") as errors, embedded(*LIMITS, log=errors) as broker, HonestPair(broker.url) as pair:
+        address, process, child = parse_url(broker.url), psutil.Process(broker.pid), broker.process
         pair.wait_for(50)
         rss, fds, begun_s = process.memory_info().rss, process.num_fds(), time.monotonic()
         result = Result(asyncio.run(attack((address.host, address.port), connections, seed, at_once, minutes)))
@@ -182,14 +159,14 @@ def show(result: Result) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--connections", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--at-once", type=int, default=48)
-    parser.add_argument("--minutes", type=float, default=math.inf, help="stop earlier")
-    parser.add_argument("--rss-limit-mb", type=float, default=160.0)
-    parser.add_argument("--log", type=Path, help="keep the broker's log")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--connections", type=int, default=100_000)
+    known.add_argument("--seed", type=int, default=1)
+    known.add_argument("--at-once", type=int, default=48)
+    known.add_argument("--minutes", type=float, default=math.inf, help="stop earlier")
+    known.add_argument("--rss-limit-mb", type=float, default=160.0)
+    known.add_argument("--log", type=Path, help="keep the broker's log")
+    options = known.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         log = options.log or Path(folder, "broker.log")
         result = run(options.connections, options.seed, options.at_once, options.rss_limit_mb, log, options.minutes)

@@ -6,7 +6,6 @@ import multiprocessing
 import statistics
 import time
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Self
 
 from jouleswarm.common.bus.mqtt import MqttBus
@@ -33,9 +32,7 @@ class HonestPair:
         self._process.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._process.is_alive():
             self._process.terminate()
         self._process.join()

@@ -9,7 +9,6 @@ input is then kept under --out and the exit code is 1. --atheris lets coverage g
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import logging
 import os
@@ -23,11 +22,11 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks.harness import MEGABYTE, parser
 from fuzz.mutations import mutate
 from fuzz.targets import Target, targets
 from jouleswarm.common.errors import PayloadError
 
-MEGABYTE = 1024 * 1024
 RSS_LIMIT_BYTES = 64 * MEGABYTE
 SLOW_S = 1.0
 WARM_UP = 0.1  # of the payloads: caches and imports are no growth
@@ -141,14 +140,14 @@ def show(outcome: Outcome) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--payloads", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, help="stop earlier")
-    parser.add_argument("--out", type=Path, default=Path("fuzz-findings"), help="where bad inputs are kept")
-    parser.add_argument("--target", help="only decoders whose name contains this")
-    parser.add_argument("--atheris", action="store_true", help="guided by coverage")
-    options = parser.parse_args()
+    known = parser(__doc__)
+    known.add_argument("--payloads", type=int, default=1_000_000)
+    known.add_argument("--seed", type=int, default=1)
+    known.add_argument("--minutes", type=float, help="stop earlier")
+    known.add_argument("--out", type=Path, default=Path("fuzz-findings"), help="where bad inputs are kept")
+    known.add_argument("--target", help="only decoders whose name contains this")
+    known.add_argument("--atheris", action="store_true", help="guided by coverage")
+    options = known.parse_args()
     logging.disable()
     silence_libraries()
     if options.atheris:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -111,6 +112,13 @@ def test_mqtt_libraries_stay_behind_the_bus_and_in_the_broker() -> None:
         allowed = LIBRARIES.get(module.split(".")[0], set())
         used = {name.split(".")[0] for _, name in imports(path.read_text())}
         assert used & {"paho", "amqtt", "aiomqtt", "gmqtt"} <= allowed, module
+
+
+def test_every_test_is_below_a_path_that_is_tested() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
+    tested = {ROOT / path for path in settings["testpaths"]}
+    tests = set((ROOT / "tests").rglob("test_*.py"))
+    assert {test for test in tests if not tested & {test, *test.parents}} == set()
 
 
 @pytest.mark.parametrize(

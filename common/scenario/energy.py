@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.bounds import (
@@ -25,6 +25,7 @@ from jouleswarm.common.scenario.countries import Country, intensities
 from jouleswarm.common.scenario.links import DATA_CENTER, LinkConstants, Links, missing
 from jouleswarm.common.scenario.robots import OwnConstants, Robot
 from jouleswarm.common.scenario.sections import Section, each_once
+from jouleswarm.common.scenario.uncertain import Uncertain
 
 
 class Energy(Section):
@@ -80,6 +81,11 @@ class Energy(Section):
     kinds: dict[str, OwnConstants] = Field(
         {}, description="[energy.kinds.NAME]: constants of a kind of robots, that [[robots]] name by `kind`"
     )
+    uncertain: dict[str, Uncertain] = Field(
+        {},
+        description="constants that are not known exactly, by name: KEY = {low = 1, high = 2} in place of a number "
+        "does the same; with likely, triangular; with shape = 'loguniform', so in the logarithm",
+    )
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
 
@@ -97,6 +103,33 @@ class Energy(Section):
     start_hour: float = Field(0.0, ge=0, le=8784, description="hour of that table in which an arm begins")
 
     _each_once = field_validator("prices")(each_once)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _ranges_apart(cls, given: Any) -> Any:
+        """A range in place of a number: the number is its nominal value, and the range stands in `uncertain`."""
+        if not isinstance(given, dict):
+            return given
+        found = {
+            name: value
+            for name, value in given.items()
+            if isinstance(value, dict) and "low" in value and name != "kinds"
+        }
+        ranges = {name: Uncertain.model_validate(value) for name, value in found.items()}
+        if not ranges:
+            return given
+        numbers = {name: spread.nominal for name, spread in ranges.items()}
+        return given | numbers | {"uncertain": {**given.get("uncertain", {}), **ranges}}
+
+    @model_validator(mode="after")
+    def _ranges_are_in_bounds(self) -> Self:
+        for name, spread in self.uncertain.items():
+            if not isinstance(getattr(self, name, None), float):
+                raise ValueError(f"uncertain.{name}: expected the name of a number of this section")
+            for end in (spread.low, spread.high):
+                type(self).__pydantic_validator__.validate_assignment(type(self).model_construct(), name, end)
+        return self
+
     _own: dict[int, OwnConstants] = PrivateAttr(default_factory=dict)
     _links: Links | None = PrivateAttr(None)
     _hours: tuple[float, ...] = PrivateAttr(())

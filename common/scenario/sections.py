@@ -108,7 +108,7 @@ class Learning(Section):
         "places, anywhere, or where an evaluation starts",
     )
     max_episode_steps: int = Field(
-        100_000, ge=1, le=10_000_000, description="an episode that its environment has not ended is cut after so many"
+        1000, ge=1, le=10_000_000, description="an episode that its environment has not ended is cut after so many"
     )
 
 

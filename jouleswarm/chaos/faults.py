@@ -187,19 +187,8 @@ def _twin(site: Site, whose: str, command: list[str]) -> str:
 
 
 def _robot_twice(site: Site, name: str, *more: str) -> str:
-    agent = name.removeprefix("agent-")
-    command = [
-        *command_of("jouleswarm.agents"),
-        "--id",
-        agent,
-        "--broker",
-        site.url,
-        "--run",
-        site.run,
-        *site.options,
-        *more,
-    ]
-    return _twin(site, name, command)
+    options = ["--id", name.removeprefix("agent-"), "--broker", site.url, "--run", site.run, *site.options, *more]
+    return _twin(site, name, [*command_of("jouleswarm.agents"), *options])
 
 
 def _state(site: Site, name: str) -> Path:

@@ -28,6 +28,11 @@ def report(
     ] = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
     set_: EnergyOption = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(help="What each arm had learned when so much was spent: 10kJ, 2Gbit, 4000motions, 500gradients."),
+    ] = None,
+    why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
 ) -> None:
     """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
@@ -47,7 +52,7 @@ def report(
         carbon_robots=carbon_robots,
         via_base_station=via_base_station,
     )
-    print_bill(run_directory, prices, changes=set_ or (), html=figures, figures=figures)
+    print_bill(run_directory, prices, changes=set_ or (), budget=budget, why=why, html=figures, figures=figures)
 
 
 def audit() -> None:

@@ -18,9 +18,9 @@ class RoundSizes:
     experience_bytes: float  # b(E_ik)
     weights_bytes: float  # b(W)
     first_weights_bytes: float | None = None  # of an arm's first round, where a codec needs a base; None: as all others
-    meta_model_bytes: float | None = None  # what goes down after meta-learning; None: b(W)
     batches_of: Mapping[int, int] = field(default_factory=dict)  # robot -> B_ik, where they may differ
     experience_of: Mapping[int, float] = field(default_factory=dict)  # robot -> b(E_ik), likewise
+    meta_model_of: Mapping[str, float] = field(default_factory=dict)  # method -> what goes down after it; none: b(W)
 
     def batches(self, robots: Iterable[int]) -> float:
         """Sum over robots k of B_ik."""
@@ -58,6 +58,7 @@ def closed_form(
     clusters: Iterable[ClusterRounds],
     sizes: RoundSizes = TABLE_I,
     experience_bytes: float | None = None,
+    meta_model_bytes: float | None = None,
 ) -> StageCounts:
     """The counts that eqs. (9) and (11) assume, from round numbers alone.
 
@@ -67,6 +68,7 @@ def closed_form(
         clusters: one a task, trained or not.
         sizes: batches and bytes of a round; default the paper's Table I.
         experience_bytes: of a round, summed over the training robots; None: the same for each.
+        meta_model_bytes: of the model that goes down after meta-learning; None: b(W).
     """
     clusters = list(clusters)
     robots = sum(cluster.robots for cluster in clusters)
@@ -76,7 +78,7 @@ def closed_form(
         gradients_support=t0 * training_robots * sizes.support_batches,
         gradients_query=t0 * training_robots * sizes.query_batches,
         uplink_bytes=t0 * experience_bytes,
-        downlink_bytes=robots * (sizes.meta_model_bytes or sizes.weights_bytes) if t0 > 0 else 0,
+        downlink_bytes=robots * (meta_model_bytes or sizes.weights_bytes) if t0 > 0 else 0,
     )
     begun = [cluster for cluster in clusters if cluster.rounds and cluster.links]
     tasks = Counts(

@@ -31,6 +31,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MAX_REWARD
 
 Array = npt.NDArray[Any]
+Options = dict[str, Any] | None
 
 
 class Environment(Protocol):
@@ -40,7 +41,7 @@ class Environment(Protocol):
     def load_state(self, state: dict[str, Any]) -> None: ...
     def look(self) -> tuple[Any, dict[str, Any]]: ...
     def guide(self) -> int: ...
-    def start(self, where: str, share: int, shares: int) -> dict[str, Any] | Sequence[dict[str, Any]]: ...
+    def start(self, where: str, share: int, shares: int) -> Options | Sequence[Options]: ...
     def judge(self, total: float) -> tuple[float, dict[str, float]]: ...
 
 
@@ -85,27 +86,28 @@ class TaskEnvironment:
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Array:
         """Begin an episode; the observation is an array of its own."""
-        observation, _ = self._asked("reset", lambda: self._env.reset(seed=seed, options=options or None))
+        observation, _ = self._asked("reset", lambda: self._env.reset(seed=seed, options=options or None), 2)
         self._steps = 0
         return self._read(observation)
 
     def look(self) -> Array:
         """Another observation from where it stands; only where `can_look`."""
-        return self._read(self._asked("look", self._env.unwrapped.look)[0])
+        return self._read(self._asked("look", self._env.unwrapped.look, 2)[0])
 
     def step(self, action: int) -> Step:
         """Take an action, counted from 0."""
         taken = self._first_action + action
-        observation, reward, terminated, truncated, _ = self._asked("step", lambda: self._env.step(taken))
+        observation, reward, terminated, truncated, _ = self._asked("step", lambda: self._env.step(taken), 5)
+        reward = self._asked("reward", lambda: float(reward))
         if not (math.isfinite(reward) and abs(reward) <= MAX_REWARD):
             raise RunError(f"{self._what}: a reward of {reward}, expected a number within {MAX_REWARD:g}")
         self._steps += 1
         is_cut = not terminated and (bool(truncated) or self._steps >= self._most)
-        return Step(self._read(observation), float(reward), bool(terminated), is_cut)
+        return Step(self._read(observation), reward, bool(terminated), is_cut)
 
     def guide(self) -> int:
         """The next action of a known good policy, counted from 0; only where `has_guide`."""
-        action = int(self._asked("guide", self._env.unwrapped.guide)) - self._first_action
+        action: int = self._asked("guide", lambda: int(self._env.unwrapped.guide())) - self._first_action
         if not 0 <= action < len(self.spaces.actions):
             raise RunError(f"{self._what}: guide() gave {action + self._first_action}, which is no action")
         return action
@@ -115,14 +117,17 @@ class TaskEnvironment:
         if not self._has("start"):
             return [{}]
         found = self._asked("start", lambda: self._env.unwrapped.start(where, share, shares))
-        return [found] if isinstance(found, dict) else list(found)
+        options = found if isinstance(found, list | tuple) else [found]
+        if not options or not all(each is None or isinstance(each, dict) for each in options):
+            raise RunError(f"{self._what}: start() gave {found!r}, expected options of reset, or a list of them")
+        return [each or {} for each in options]
 
     def judge(self, total: float) -> tuple[float, dict[str, float]]:
         """What the episode that has ended counts, and measures of it."""
         if not self._has("judge"):
             return total, {}
-        counts, measures = self._asked("judge", lambda: self._env.unwrapped.judge(total))
-        measures = {str(name): float(value) for name, value in measures.items()}
+        counts, told = self._asked("judge", lambda: self._env.unwrapped.judge(total), 2)
+        measures = self._asked("judge", lambda: {str(name): float(value) for name, value in told.items()})
         if not all(map(math.isfinite, (counts, *measures.values()))) or abs(counts) > MAX_REWARD:
             raise RunError(f"{self._what}: judge() gave {counts}, {measures}; expected finite numbers")
         return float(counts), measures
@@ -167,16 +172,20 @@ class TaskEnvironment:
             raise RunError(f"{self._what}: an observation {reason}; expected {seen}")
         return array
 
-    def _asked(self, word: str, call: Callable[[], Any]) -> Any:
-        """What the environment answers; whatever goes wrong in it is one line with the place."""
+    def _asked(self, word: str, call: Callable[[], Any], parts: int = 0) -> Any:
+        """What the environment answers, in so many parts; whatever goes wrong in it is one line with the place."""
         try:
-            return call()
+            answer = call()
         except JouleSwarmError:
             raise
         except Exception as error:  # whatever somebody's environment does
             frame = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{frame.filename}, line {frame.lineno}"
             raise RunError(f"{self._what}: {word}: {type(error).__name__}: {first_line(error)} ({where})") from error
+        if parts and not (isinstance(answer, tuple | list) and len(answer) == parts):
+            got = f"{len(answer)} values" if isinstance(answer, tuple) else f"a {type(answer).__name__}"
+            raise RunError(f"{self._what}: {word}() gave {got}, expected {parts} values")
+        return answer
 
 
 def _layers(environment: Any) -> list[Any]:

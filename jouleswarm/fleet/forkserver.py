@@ -25,6 +25,7 @@ PRELOAD = (
     "jouleswarm.datacenter.__main__",
     "jouleswarm.datacenter.center",
     "jouleswarm.common.bus.joining",
+    "torch._dynamo",  # 800 modules, which PyTorch loads when the first optimizer is made: two seconds in each process
 )
 """Loaded before the first fork."""
 

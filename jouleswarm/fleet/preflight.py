@@ -62,13 +62,14 @@ def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:
 def largest_message(scenario: Scenario, run: str) -> tuple[int, str]:
     """Tensors of the largest message of a run, bytes, and a topic that it goes on. Headers come on top."""
     interface, codec = interface_of(scenario), codec_of(scenario)
-    model, meta_model = model_shapes(interface), meta_model_shapes(interface, scenario)
+    model = model_shapes(interface)
     frame_bytes = experience_bytes(experience_codec_of(scenario), interface.spaces.observation)
     task, robots = min(scenario.clusters.items())
     sizes = [(weights_bytes(FLOAT32, model, whole=True), topics.learned(run, scenario.arms[0].name, task))]
     sent = max(weights_bytes(codec, model, whole=whole) for whole in (True, False))
     sizes.append((sent, topics.weights(run, scenario.arms[0].name, task, min(robots))))
     for method in scenario.meta_methods:
+        meta_model = meta_model_shapes(interface, scenario, method)
         largest = max(weights_bytes(each, meta_model, whole=True) for each in (FLOAT32, codec))
         sizes.append((largest, topics.meta_model(run, method)))
     for method in scenario.experience_methods:

@@ -183,7 +183,8 @@ class Method:
         """
         clusters = [self._cluster(scenario, task, task_rounds, sizes) for task, task_rounds in rounds.items()]
         training = [agent for agents in scenario.training_agents.values() for agent in agents] if t0 else []
-        counts = closed_form(t0, len(training), clusters, sizes, sizes.experience(training))
+        meta_model_bytes = sizes.meta_model_of.get(self.name)
+        counts = closed_form(t0, len(training), clusters, sizes, sizes.experience(training), meta_model_bytes)
         if self.partners == "datacenter":
             return StageCounts(counts.ml, self._served(scenario, rounds, sizes, counts.fl.gradients_robots))
         return counts

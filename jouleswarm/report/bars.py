@@ -14,23 +14,14 @@ from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.arms import INK, colours
-from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, SOME, arm_patches, hatched, legend_in, new_figure
+from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, SOME, arm_patches, bars, hatched, legend_in, new_figure
 from jouleswarm.report.tables import NOT_LEARNED
 from jouleswarm.runs.arm_facts import in_closed_form
 from jouleswarm.runs.columns import telling_lists
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.sizes import scenario_sizes
 
-_BARS_WIDE = 0.84  # all bars of a group, of the distance between groups
-_WIDEST_BAR = 0.38
 _KILO_FROM_J = 10_000
-_ABOVE: dict[str, Any] = {
-    "ha": "center",
-    "va": "bottom",
-    "fontsize": 6.5,
-    "xytext": (0, 1.5),
-    "textcoords": "offset points",
-}
 Bars = dict[str, list[tuple[float, float]]]  # arm -> (learning, communication) joules of each bar
 
 
@@ -51,12 +42,12 @@ def energy_figure(run: Run, energy: Energy) -> Figure:
 
 def _energy_panels(left: Axes, right: Axes, run: Run, energy: Energy, prices: PriceList) -> None:
     few = len(run.scenario.arms) <= FEW
-    bars: Bars = {arm: _stage_bars(run, arm, energy, prices) for arm in run.scenario.arm_names}
+    stages_j: Bars = {arm: _stage_bars(run, arm, energy, prices) for arm in run.scenario.arm_names}
     totals: Bars = {arm: [_parted(price(prices, _facts(run, arm), energy))] for arm in run.scenario.arm_names}
     unit, factor = ("kJ", 1e3) if max(sum(held[0]) for held in totals.values()) >= _KILO_FROM_J else ("J", 1.0)
     labels = [rf"$E_\mathrm{{FL}}(t_{{{task}}})$" for task in run.scenario.clusters]
     stages = [r"$E_\mathrm{ML}$", *labels] if run.scenario.meta_methods else labels
-    for axes, held, names in ((left, bars, stages), (right, totals, ["$E$, eq. (12)"])):
+    for axes, held, names in ((left, stages_j, stages), (right, totals, ["$E$, eq. (12)"])):
         _energy_bars(axes, held, factor, colours(run.scenario), numbered=few or axes is right)
         axes.set_xticks(range(len(names)), names)
         axes.margins(x=0.02 if axes is left else 0.25 if few else 0.05, y=0.14)
@@ -72,13 +63,9 @@ def rounds_figure(run: Run, energy: Energy) -> Figure:
     for place, arm in enumerate(run.scenario.arm_names):
         values = [float(run.t0[arm])] * meta + list(run.rounds(arm).values())
         learned = [True] * meta + [result.learned for result in run.results[arm]]
-        at, width = _places(place, len(held), len(values))
-        for x, value, done in zip(at, values, learned, strict=True):
-            if value:
-                axes.bar(x, value, width, color=held[arm])
-                number = f"{value:g}" if len(held) <= SOME else ""
-                text = number if done else f"{number} {NOT_LEARNED}"
-                axes.annotate(text, (x, value), **_above(len(held)))
+        numbers = [f"{value:g}" if len(held) <= SOME else "" for value in values]
+        texts = [each if done else f"{each} {NOT_LEARNED}" for each, done in zip(numbers, learned, strict=True)]
+        bars(axes, place, len(held), values, held[arm], texts=texts)
     names = ["$t_0$"] * meta + [f"$t_{{{task}}}$" for task in run.scenario.clusters]
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("rounds")
@@ -114,27 +101,12 @@ def _parted(bill: Bill | None) -> tuple[float, float]:
     return cost.total_j - moved, moved
 
 
-def _energy_bars(axes: Axes, bars: Bars, factor: float, held: dict[str, str], *, numbered: bool) -> None:
-    for place, (arm, parts) in enumerate(bars.items()):
-        at, width = _places(place, len(bars), len(parts))
-        for x, (learning_j, communication_j) in zip(at, parts, strict=True):
-            total = (learning_j + communication_j) / factor
-            if total == 0:
-                continue
-            axes.bar(x, learning_j / factor, width, color=held[arm])
-            axes.bar(x, communication_j / factor, width, bottom=learning_j / factor, **hatched(held[arm]))
-            if numbered:
-                axes.annotate(f"{total:.3g}" if total < 1000 else f"{total:.0f}", (x, total), **_above(len(bars)))
-
-
-def _places(place: int, arms: int, groups: int) -> tuple[list[float], float]:
-    """Where the bars of the arm in `place` stand, and how wide they are."""
-    width = min(_WIDEST_BAR, _BARS_WIDE / arms)
-    return [group + (place - (arms - 1) / 2) * width for group in range(groups)], width
-
-
-def _above(arms: int) -> dict[str, Any]:
-    return _ABOVE if arms <= FEW else _ABOVE | {"rotation": 90, "fontsize": 5.5}
+def _energy_bars(axes: Axes, found: Bars, factor: float, held: dict[str, str], *, numbered: bool) -> None:
+    for place, (arm, parts) in enumerate(found.items()):
+        learning, communication = ([part / factor for part in each] for each in zip(*parts, strict=True))
+        totals = [sum(each) / factor for each in parts]
+        texts = [f"{total:.3g}" if total < 1000 else f"{total:.0f}" for total in totals] if numbered else []
+        bars(axes, place, len(found), learning, held[arm], stacked=communication, texts=texts)
 
 
 def _legend(figure: Figure, axes: Axes, handles: list[Any], few: bool) -> None:

@@ -1,18 +1,20 @@
-"""What all drawings share: the sheet, the arms' patches, how many arms can be told apart by annotation.
+"""What all drawings share: the sheet, bars, the arms' patches, how many arms can be told apart by annotation.
 
 Matplotlib's object interface throughout, so that no global figure state is left behind.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from jouleswarm.report.arms import colours, labels
+from jouleswarm.report.arms import INK, colours, labels
 from jouleswarm.runs.run import Run
 
 FEW = 3
@@ -23,6 +25,9 @@ LEGEND_COLUMNS = 4
 
 _WIDTH_IN = 7.0
 _LEGEND_ROW_IN = 0.17
+_BARS_WIDE = 0.84  # all bars of a group, of the distance between groups
+_WIDEST_BAR = 0.38
+_ABOVE: dict[str, Any] = {"ha": "center", "va": "bottom", "xytext": (0, 1.5), "textcoords": "offset points"}
 
 
 def new_figure(height_in: float) -> Figure:
@@ -30,6 +35,47 @@ def new_figure(height_in: float) -> Figure:
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def bars(
+    axes: Axes,
+    place: int,
+    among: int,
+    heights: Sequence[float],
+    colour: str,
+    *,
+    stacked: Sequence[float] = (),
+    ci95: Sequence[float] = (),
+    texts: Sequence[str] = (),
+) -> None:
+    """One arm's bars, beside those of the other arms; where there is nothing there is none.
+
+    Args:
+        axes: what is drawn on; no interval goes below zero.
+        place: of the arm, from 0.
+        among: how many arms there are.
+        heights: of the bar in each group of the x axis.
+        colour: of the arm.
+        stacked: on top of each bar, hatched.
+        ci95: half widths of the intervals.
+        texts: above each bar.
+    """
+    width = min(_WIDEST_BAR, _BARS_WIDE / among)
+    nothing = [0.0] * len(heights)
+    columns = zip(heights, stacked or nothing, ci95 or nothing, texts or [""] * len(heights), strict=True)
+    for group, (height, above, half, text) in enumerate(columns):
+        x, top = group + (place - (among - 1) / 2) * width, height + above
+        if not top:
+            continue
+        axes.bar(x, height, width, color=colour)
+        if above:
+            axes.bar(x, above, width, bottom=height, **hatched(colour))
+        if half:
+            axes.errorbar(x, top, yerr=[[min(half, top)], [half]], color=INK, capsize=2, elinewidth=0.8)
+        if text:
+            few = among <= FEW
+            look = _ABOVE | ({"fontsize": 6.5} if few else {"fontsize": 5.5, "rotation": 90})
+            axes.annotate(text, (x, top + half), **look)
 
 
 def arm_patches(run: Run) -> list[Patch]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,11 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure
+from jouleswarm.report.spending import learned_figure
 from jouleswarm.report.times import time_figure
+from jouleswarm.report.why import tornado_figure
+from jouleswarm.runs.breakeven import comparable
+from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run
 
 CAPTIONS = {
@@ -25,6 +30,10 @@ CAPTIONS = {
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
     "episodes; dashed is the reward at which a task counts as learned; a cross ends a task that was not.",
+    "learned": "Share of the tasks learned, and the mean of their R, by what had been spent (each round of a task has "
+    "the same part of its total); curves begin when their stage is paid for.",
+    "why": "What the comparison hangs on: joules with a model learned first over joules without, where one constant is "
+    "halved (the arrow's end) or doubled; dashed is the verdict's turning.",
     "time": "Energy (equations (8)-(12), measured payload bytes) against seconds to learn, an arm a point; dashed "
     "through the arms that no other beats in both.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
@@ -50,41 +59,52 @@ _FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
     "energy": energy_figure,
     "rounds": rounds_figure,
     "rewards": rewards_figure,
+    "learned": learned_figure,
+    "why": tornado_figure,
+    "time": time_figure,
     "bytes": bytes_figure,
 }
-
-
-def _drawn(energy: Energy) -> dict[str, Callable[[Run, Energy], Figure]]:
-    return _FIGURES | ({"time": time_figure} if energy.tells_time else {})
+_OF_PRICES = ("energy", "learned", "why", "time")
 
 
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
-    """Draw all figures into RUN/figures; at other prices (`suffix`) only those that prices change."""
+    """Draw all figures, their curves as CSV too, into RUN/figures; at other prices (`suffix`) those that change."""
     folder = run.path / "figures"
-    folder.mkdir(exist_ok=True)
-    written = []
-    for name, draw in _drawn(energy).items():
-        if suffix and name not in ("energy", "time"):
-            continue
-        with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-            figure = draw(run, energy)
-            for kind, options in (("png", {"dpi": _PNG_DPI}), ("svg", {"metadata": {"Date": None}})):
-                path = folder / f"{name}{suffix}.{kind}"
-                figure.savefig(path, format=kind, **options)
-                written.append(path)
-    return written
+    names = [name for name in _of(run, energy) if not suffix or name in _OF_PRICES]
+    drawn = ((name, partial(_FIGURES[name], run, energy)) for name in names)
+    written = [path for name, draw in drawn for path in save_figure(folder, f"{name}{suffix}", draw)]
+    table = folder / f"learned{suffix}.csv"
+    curves(run, energy).to_csv(table, index=False, float_format="%.10g")
+    return [*written, table]
+
+
+def save_figure(folder: Path, name: str, draw: Callable[[], Figure], dpi: int = _PNG_DPI) -> list[Path]:
+    """Draw a figure and write it as PNG and as SVG; the same data make the same files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    options: dict[str, dict[str, Any]] = {"png": {"dpi": dpi}, "svg": {"metadata": {"Date": None}}}
+    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
+        figure = draw()
+        for kind, more in options.items():
+            figure.savefig(folder / f"{name}.{kind}", format=kind, **more)
+    return [folder / f"{name}.{kind}" for kind in options]
 
 
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     """Figures by name as SVG elements for one HTML page: the page's text colour, no two ids alike."""
     found = {}
-    for name, draw in _drawn(energy).items():
+    for name in _of(run, energy):
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
-            draw(run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
+            _FIGURES[name](run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
         svg = file.getvalue()
         svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
         svg = re.sub(r'\bid="', f'id="{name}-', svg)
         svg = re.sub(r'href="#', f'href="#{name}-', svg)
         found[name] = re.sub(r"url\(#", f"url(#{name}-", svg)
     return found
+
+
+def _of(run: Run, energy: Energy) -> list[str]:
+    """The figures that a run has: where nothing may be compared, there is no why, and without rates no time."""
+    there = {"why": bool(comparable(run)), "time": energy.tells_time}
+    return [name for name in _FIGURES if there.get(name, True)]

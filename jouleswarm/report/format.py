@@ -1,20 +1,8 @@
-"""How a report writes numbers, and a table before it is shown on anything."""
+"""How a report writes numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 _NOTHING = "-"
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """A table as text; the first column is left-aligned, `strong` are the numbers of rows that stand out."""
-
-    title: str
-    headings: list[str]
-    rows: list[list[str]]
-    strong: frozenset[int] = frozenset()
 
 
 def joules_text(joules: float | None) -> str:

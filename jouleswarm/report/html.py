@@ -9,19 +9,10 @@ from pathlib import Path
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.figures import CAPTIONS, inline_svgs
-from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
-from jouleswarm.report.tables import (
-    bytes_table,
-    causes_tables,
-    energy_table,
-    lost_tables,
-    rewards_table,
-    rounds_table,
-    sites_tables,
-    totals_table,
-)
-from jouleswarm.report.times import battery_tables, seconds_tables
+from jouleswarm.report.table import html_text
+from jouleswarm.report.tables import energy_table, report_tables
+from jouleswarm.report.why import why_tables
 from jouleswarm.runs.run import Run
 
 _STYLE = """
@@ -39,7 +30,7 @@ p { margin: .4rem 0; } .soft, figcaption { color: var(--soft); font-size: .9rem;
 table { border-collapse: collapse; width: 100%; font-size: .88rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .38rem .6rem; border-bottom: 1px solid var(--line); vertical-align: bottom; }
 th:first-child, td:first-child { text-align: left; } th { font-weight: 600; color: var(--soft); }
-tr.strong td { font-weight: 700; border-bottom-width: 2px; }
+tr.bold td { font-weight: 700; border-bottom-width: 2px; }
 figure { margin: 1.2rem 0; padding: 1rem; background: var(--card); border: 1px solid var(--line); border-radius: 8px; }
 figure svg { width: 100%; height: auto; display: block; } figcaption { margin-top: .6rem; }
 pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem;
@@ -65,14 +56,10 @@ def page(run: Run, energy: Energy) -> str:
         _paragraphs(warnings(run), "verdict"),
         f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
         _paragraphs(verdicts(run, energy), "verdict"),
-        _table(totals_table(run, energy)),
-        *map(_table, (*causes_tables(run, energy), *sites_tables(run, energy), *lost_tables(run, energy))),
-        *map(_table, (*seconds_tables(run, energy), *battery_tables(run, energy))),
-        _table(rounds_table(run)),
-        _table(rewards_table(run)),
-        _table(bytes_table(run, energy)),
+        *map(html_text, report_tables(run, energy)),
         *figures,
-        *(_table(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
+        *map(html_text, why_tables(run, energy)),
+        *(html_text(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
         "<h2>Notes</h2>",
         _paragraphs(notes(run, energy), "soft"),
         "<h2>Manifest</h2><details><summary>Scenario, versions and host</summary>",
@@ -82,18 +69,6 @@ def page(run: Run, energy: Energy) -> str:
     return (
         f'<!doctype html><html lang="en"><head>{head}<style>{_STYLE}</style></head>'
         f"<body><main>{''.join(body)}</main></body></html>\n"
-    )
-
-
-def _table(text: TextTable) -> str:
-    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in text.headings)
-    lines = []
-    for number, row in enumerate(text.rows):
-        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
-        lines.append(f'<tr class="strong">{cells}</tr>' if number in text.strong else f"<tr>{cells}</tr>")
-    return (
-        f'<h2>{html.escape(text.title)}</h2><div class="wide"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
@@ -12,8 +14,9 @@ from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, publish
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import label, labels, method_label
+from jouleswarm.runs.breakeven import comparable
 from jouleswarm.runs.columns import columns
-from jouleswarm.runs.conservation import conservation
+from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.paper import is_papers_deployment
 from jouleswarm.runs.run import Run
@@ -39,25 +42,16 @@ def warnings(run: Run) -> list[str]:
     """What stands before everything else: that a bill is not to be trusted."""
     if not run.misfits:
         return []
-    worst, told = run.misfits[0], (run.summary or {}).get("counters") or "the broker's counters"
+    told = (run.summary or {}).get("counters") or "the broker's counters"
     return [
-        f"The counters of broker and clients do not fit for {len(run.misfits)} client and topic pairs, first "
-        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
-        f"{worst.delivered} (messages, bytes). This bill is fed by {told}, and is not to be trusted: "
+        f"{_do_not_fit(run.misfits)} This bill is fed by {told}, and is not to be trusted: "
         "run it again, on a broker that keeps its counters for the whole run."
     ]
 
 
 def verdicts(run: Run, energy: Energy) -> list[str]:
-    """Whether transfer pays, a line an arm with meta-learning, by each column that has a total for it and for fl.
-
-    Only of a complete run that can be trusted, and of arms whose tasks were all learned.
-    """
-    held = {arm: all(result.learned for result in results) for arm, results in run.results.items()}
-    if run.status != "complete" or run.misfits or not held.get(BASELINE):
-        return []
-    learned = [arm for arm in run.scenario.arms if arm.t0 and held[arm.name]]
-    return [line for arm in learned if (line := _verdict(run, arm, energy))]
+    """Whether transfer pays, a line a comparable arm, by each column that has a total for it and for fl."""
+    return [line for arm in comparable(run) if (line := _verdict(run, arm, energy))]
 
 
 def notes(run: Run, energy: Energy) -> list[str]:
@@ -203,12 +197,7 @@ def _notes_of_faults(run: Run) -> list[str]:
             "that broke before they were received. They are in the bytes and in the bill too."
         )
     if found.broken and not run.misfits:  # of a run cut short: the two sides stopped counting at other moments
-        worst = found.broken[0]
-        lines.append(
-            f"The counters of broker and clients do not fit for {len(found.broken)} client and topic pairs, first "
-            f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
-            f"{worst.delivered} (messages, bytes)."
-        )
+        lines.append(_do_not_fit(found.broken))
     return lines
 
 
@@ -217,6 +206,15 @@ def _emptied(run: Run) -> list[str]:
     names, most = labels(run.scenario), run.scenario.federation.max_rounds
     ends = [row for row in run.rows if row.learned is False and row.round < most]
     return [f"{names[row.arm]}: robot {row.agent} after round {row.round}" for row in ends]
+
+
+def _do_not_fit(broken: Sequence[Balance]) -> str:
+    worst = broken[0]
+    return (
+        f"The counters of broker and clients do not fit for {len(broken)} client and topic pairs, first "
+        f"{worst.client} on {worst.topic}: acknowledged {worst.acknowledged}, received {worst.received}, delivered "
+        f"{worst.delivered} (messages, bytes)."
+    )
 
 
 def _missed(run: Run) -> list[str]:

@@ -9,33 +9,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAVY
 from rich.console import Console
-from rich.table import Table
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import Prices, reprice
+from jouleswarm.report.budget import budget_table
 from jouleswarm.report.figures import write_figures
-from jouleswarm.report.format import TextTable
 from jouleswarm.report.html import write_html
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
-from jouleswarm.report.tables import (
-    bytes_table,
-    causes_tables,
-    energy_table,
-    lost_tables,
-    rewards_table,
-    rounds_table,
-    sites_tables,
-    totals_table,
-)
-from jouleswarm.report.times import battery_tables, seconds_tables
+from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.tables import energy_table, report_tables
+from jouleswarm.report.why import why_tables
+from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run, load_run
-
-__all__ = ["Prices", "Run", "load_run", "print_report", "report", "reprice"]
 
 _DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
 
@@ -45,6 +34,8 @@ def report(
     prices: Prices | None = None,
     *,
     changes: Iterable[Override] = (),
+    budget: str | None = None,
+    why: bool = False,
     html: bool = False,
     figures: bool = False,
     console: Console | None = None,
@@ -54,6 +45,8 @@ def report(
     Args:
         run_dir: what `jouleswarm run` printed.
         prices: in place of the run's own.
+        budget: what had been learned by then, such as 10kJ.
+        why: what each bill hangs on.
         changes: of the scenario's section energy, any constant in place of the run's own.
 
     Raises:
@@ -63,7 +56,10 @@ def report(
     run = load_run(run_dir)
     priced, suffix = reprice(run.scenario, [*(prices or Prices()).changes, *changes], str(run_dir))
     run, energy = run.at(priced), priced.energy
-    print_report(run, energy, console)
+    more = why_tables(run, energy) if why else []
+    if budget is not None:
+        more.append(budget_table(curves(run, energy), budget))
+    print_report(run, energy, console, more)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
         written = write_figures(run, energy, suffix) if figures else []
         if html:
@@ -73,39 +69,21 @@ def report(
     return written
 
 
-def print_report(run: Run, energy: Energy | None = None, console: Console | None = None) -> None:
-    """Print a run's tables; `energy` in place of the scenario's own constants prices it again."""
+def print_report(
+    run: Run, energy: Energy | None = None, console: Console | None = None, more: Iterable[Table] = ()
+) -> None:
+    """Print a run's tables, and `more`; `energy` in place of the scenario's own constants prices it again."""
     energy = energy or run.scenario.energy
     console = console or Console()
     detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
-    tables = [  # all of them before anything is printed: a price list of the user's may fail
-        rounds_table(run),
-        rewards_table(run),
-        totals_table(run, energy),
-        *(energy_table(run, arm, energy) for arm in detailed),
-        *causes_tables(run, energy),
-        *sites_tables(run, energy),
-        *lost_tables(run, energy),
-        *seconds_tables(run, energy),
-        *battery_tables(run, energy),
-        bytes_table(run, energy),
-    ]
+    # All of them before anything is printed: a price list of the user's may fail.
+    tables = [*report_tables(run, energy), *(energy_table(run, arm, energy) for arm in detailed), *more]
     for line in warnings(run):
         console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in tables:
-        console.print(_table(table))
+        console.print(terminal(table))
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)
     for line in notes(run, energy):
         console.print(line, style="dim", highlight=False)
-
-
-def _table(text: TextTable) -> Table:
-    table = Table(title=text.title, box=SIMPLE_HEAVY, padding=(0, 1, 0, 0))
-    for place, heading in enumerate(text.headings):
-        table.add_column(heading, justify="right" if place else "left", no_wrap=not place)
-    for number, row in enumerate(text.rows):
-        strong = number in text.strong
-        table.add_row(*row, style="bold" if strong else "", end_section=strong)
-    return table

@@ -10,7 +10,10 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price
 from jouleswarm.report.arms import labels
-from jouleswarm.report.format import TextTable, bytes_text, grams_text, joules_text, number_text
+from jouleswarm.report.format import bytes_text, grams_text, joules_text, number_text
+from jouleswarm.report.table import Table
+from jouleswarm.report.times import battery_tables, seconds_tables
+from jouleswarm.report.why import breakeven_tables, uncertain_tables
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import NOT_DEFINED, Column, bills, columns, telling_lists
 from jouleswarm.runs.lost_work import lost_motions
@@ -20,7 +23,24 @@ from jouleswarm.runs.traffic import traffic
 NOT_LEARNED = "×"
 
 
-def rounds_table(run: Run) -> TextTable:
+def report_tables(run: Run, energy: Energy) -> list[Table]:
+    """All tables of a run but those that an arm has of its own, as `energy_table`; what it cost comes first."""
+    return [
+        totals_table(run, energy),
+        *causes_tables(run, energy),
+        *sites_tables(run, energy),
+        *lost_tables(run, energy),
+        *seconds_tables(run, energy),
+        *battery_tables(run, energy),
+        *breakeven_tables(run, energy),
+        *uncertain_tables(run, energy),
+        rounds_table(run),
+        rewards_table(run),
+        bytes_table(run, energy),
+    ]
+
+
+def rounds_table(run: Run) -> Table:
     """Rounds of meta-learning and of each task."""
     rows = []
     for arm, name in labels(run.scenario).items():
@@ -28,10 +48,10 @@ def rounds_table(run: Run) -> TextTable:
         cells = [f"{result.rounds}{'' if result.learned else ' ' + NOT_LEARNED}" for result in found]
         rows.append([name, str(run.t0[arm]), *cells, f"{sum(run.rounds(arm).values()):g}"])
     headings = ["arm", "t0", *(f"t_{task}" for task in run.scenario.clusters), "sum of t_i"]
-    return TextTable(f"Rounds until each task was learned ({NOT_LEARNED}: it was not)", headings, rows)
+    return Table(f"Rounds until each task was learned ({NOT_LEARNED}: it was not)", headings, rows)
 
 
-def rewards_table(run: Run) -> TextTable:
+def rewards_table(run: Run) -> Table:
     """Running reward of each task, and path error where there is a path."""
     results = {name: run.results[arm] for arm, name in labels(run.scenario).items()}
     has_path = any(each.rmse_m is not None for found in results.values() for each in found)
@@ -41,19 +61,19 @@ def rewards_table(run: Run) -> TextTable:
         cells = [number_text(each.reward) + error for each, error in zip(found, errors, strict=True)]
         rows.append([name, *cells])
     headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
-    return TextTable("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
+    return Table("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
 
 
-def totals_table(run: Run, energy: Energy) -> TextTable:
+def totals_table(run: Run, energy: Energy) -> Table:
     """E of every arm, one column a way to know it."""
     held = {name: columns(run, arm, energy) for arm, name in labels(run.scenario).items()}
     rows = [[name, *(_total_text(column) for column in found)] for name, found in held.items()]
     headings = ["arm", *(column.label for column in next(iter(held.values())))]
     headings[1] += " (its t0)"
-    return TextTable("E, eq. (12), by each way to know it", headings, rows)
+    return Table("E, eq. (12), by each way to know it", headings, rows)
 
 
-def causes_tables(run: Run, energy: Energy) -> list[TextTable]:
+def causes_tables(run: Run, energy: Energy) -> list[Table]:
     """What the bill of every arm was spent on, both phases together; a table a price list that tells."""
     tables = []
     for heading, prices in telling_lists(run).items():
@@ -65,11 +85,11 @@ def causes_tables(run: Run, energy: Energy) -> list[TextTable]:
             total = cost.total_j if cost and metered else None
             rows.append([name, *(joules_text(spent[cause]) for cause in causes), joules_text(total)])
         headings = ["arm", *(cause.label for cause in causes), PARTS["total"]]
-        tables.append(TextTable(f"{heading}: E by cause", headings, rows))
+        tables.append(Table(f"{heading}: E by cause", headings, rows))
     return tables
 
 
-def sites_tables(run: Run, energy: Energy) -> list[TextTable]:
+def sites_tables(run: Run, energy: Energy) -> list[Table]:
     """Who pays the bill of every arm, as `causes_tables`; grams of CO2 equivalent too, where an intensity is given."""
     shown, tables = has_carbon(energy), []
     for heading, prices in telling_lists(run).items():
@@ -85,20 +105,20 @@ def sites_tables(run: Run, energy: Energy) -> list[TextTable]:
         headings = ["arm", *SITES.values()]
         if shown:
             headings += [f"gCO2e, {name}" for name in (*SITES.values(), "both")]
-        tables.append(TextTable(f"{heading}: E{' and gCO2e' if shown else ''} by site", headings, rows))
+        tables.append(Table(f"{heading}: E{' and gCO2e' if shown else ''} by site", headings, rows))
     return tables
 
 
-def energy_table(run: Run, arm: str, energy: Energy) -> TextTable:
+def energy_table(run: Run, arm: str, energy: Energy) -> Table:
     """An arm's energy by stage and cause, one column a way to know it."""
     held = columns(run, arm, energy)
     rows = [[name, *(joules_text(column.joules[part]) for column in held)] for part, name in PARTS.items()]
     headings = [f"{column.label} ({column.about})" if column.about else column.label for column in held]
-    strong = frozenset(list(PARTS).index(part) for part in ("ml", "fl", "total"))
-    return TextTable(f"Energy: {labels(run.scenario)[arm]}", ["", *headings], rows, strong)
+    styles = {place: "bold" for place, part in enumerate(PARTS) if part in ("ml", "fl", "total")}
+    return Table(f"Energy: {labels(run.scenario)[arm]}", ["", *headings], rows, styles=styles)
 
 
-def bytes_table(run: Run, energy: Energy) -> TextTable:
+def bytes_table(run: Run, energy: Energy) -> Table:
     """What was delivered over each link class that was used, and what carrying it cost in protocol bytes.
 
     Control and telemetry are in no bill: what each price list would take for them stands beside.
@@ -119,10 +139,10 @@ def bytes_table(run: Run, energy: Energy) -> TextTable:
             rows.append([f"{name}: {link.value}", f"{found.messages:,}", *sizes, overhead, *would])
     costs = ["would cost" if each is literal else f"would cost, {each.label}" for each in lists]
     headings = ["link", "messages", "payload", "whole packets", "overhead", *costs]
-    return TextTable("Bytes delivered by link class", headings, rows)
+    return Table("Bytes delivered by link class", headings, rows)
 
 
-def lost_tables(run: Run, energy: Energy) -> list[TextTable]:
+def lost_tables(run: Run, energy: Energy) -> list[Table]:
     """What faults have cost each arm in computing, by each list as `causes_tables`; none if nothing was in vain."""
     if not run.lost:
         return []
@@ -137,7 +157,7 @@ def lost_tables(run: Run, energy: Energy) -> list[TextTable]:
             center, before = (each.gradients_support + each.gradients_query for each in (done, kept))
             counted = (done.gradients_robots - kept.gradients_robots, center - before, lost_motions(run.lost, arm))
             rows.append([name, *(f"{number:g}" for number in counted), *_lost_joules(*facts, energy, prices)])
-        tables.append(TextTable(f"{title} ({heading[0].lower()}{heading[1:]})", headings, rows))
+        tables.append(Table(f"{title} ({heading[0].lower()}{heading[1:]})", headings, rows))
     return tables
 
 

@@ -13,12 +13,13 @@ from jouleswarm.energy.prices import price, with_beta
 from jouleswarm.energy.times import Seconds, Times, times
 from jouleswarm.report.arms import INK, colours, labels
 from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
-from jouleswarm.report.format import TextTable, joules_text, number_text
+from jouleswarm.report.format import joules_text, number_text
+from jouleswarm.report.table import Table
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.seconds import front
 
 
-def seconds_tables(run: Run, energy: Energy) -> list[TextTable]:
+def seconds_tables(run: Run, energy: Energy) -> list[Table]:
     """Seconds of the stage, of each task and of the whole; none where nothing is given that tells of time."""
     if not energy.tells_time:
         return []
@@ -31,10 +32,10 @@ def seconds_tables(run: Run, energy: Energy) -> list[TextTable]:
     if any(found.total.communication_s is None for found in held.values()):
         title += " (computing alone: communication is not known, give rates of all links in bit/s)"
     headings = ["arm", "stage", *(f"task {task}" for task in run.scenario.clusters), "all", "of that on links"]
-    return [TextTable(title, headings, rows)]
+    return [Table(title, headings, rows)]
 
 
-def battery_tables(run: Run, energy: Energy) -> list[TextTable]:
+def battery_tables(run: Run, energy: Energy) -> list[Table]:
     """How long robots' batteries last; none where no robot has one."""
     if not energy.has_battery:
         return []
@@ -48,7 +49,7 @@ def battery_tables(run: Run, energy: Energy) -> list[TextTable]:
             cells += [f"robot {robot}", joules_text(held[robot].round_j), after]
         rows.append([name, *(cells or ["-"] * 6)])
     headings = ["arm", "first empty", "a round", "after rounds", "last empty", "a round", "after rounds"]
-    return [TextTable("Batteries, full as each arm begins", headings, rows)]
+    return [Table("Batteries, full as each arm begins", headings, rows)]
 
 
 def time_figure(run: Run, energy: Energy) -> Figure:

@@ -33,8 +33,6 @@ from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import Payload
 
-__all__ = ["MANIFEST", "METER", "PROGRESS", "ROUNDS", "STATE", "SUMMARY", "WORK", "RunDirectory"]
-
 _COMPUTED_ON = "computed_on"
 STATE = "state"
 """Folder of what a run that was interrupted is gone on from; a complete run has none."""

@@ -18,7 +18,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.energy.facts import Counts, StageCounts
+from jouleswarm.energy.facts import Counts
 from jouleswarm.runs.lost_work import lost_counts
 from jouleswarm.runs.traffic import Measure, sent_bytes, traffic
 
@@ -33,22 +33,6 @@ class TaskResult:
     rmse_m: float | None
     learned: bool
     robot_rounds: int  # summed over the robots
-
-
-def arm_counts(
-    rows: Iterable[RoundRow],
-    meter_rows: Sequence[MeterRow],
-    arm: str,
-    *,
-    measure: Measure = "payload",
-    lost: Sequence[WorkRow] = (),
-) -> StageCounts:
-    """What an arm computed and moved in both stages, all tasks together."""
-    rows = list(rows)
-    return StageCounts(
-        meta_counts(rows, meter_rows, arm, measure=measure, lost=lost),
-        task_counts(rows, meter_rows, arm, measure=measure, lost=lost),
-    )
 
 
 def meta_counts(

@@ -32,7 +32,10 @@ def scenario_sizes(scenario: Scenario) -> RoundSizes:
         experience_of={agent: scenario.motions(agent) * frame_bytes for agent in scenario.agents},
         weights_bytes=weights_bytes(codec, model, whole=False),
         first_weights_bytes=weights_bytes(codec, model, whole=True),
-        meta_model_bytes=weights_bytes(codec, meta_model_shapes(interface, scenario), whole=True),
+        meta_model_of={
+            name: weights_bytes(codec, meta_model_shapes(interface, scenario, name), whole=True)
+            for name in scenario.meta_methods
+        },
     )
 
 
@@ -55,8 +58,8 @@ def model_shapes(interface: Interface) -> dict[str, tuple[int, ...]]:
     return dict(interface.tensors)
 
 
-def meta_model_shapes(interface: Interface, scenario: Scenario) -> dict[str, tuple[int, ...]]:
-    """A meta-model's tensors: the network's, and a last layer for each training task that has one of its own."""
-    shapes, meta = model_shapes(interface), scenario.meta
+def meta_model_shapes(interface: Interface, scenario: Scenario, method: str) -> dict[str, tuple[int, ...]]:
+    """A method's meta-model: the network's tensors, and a last layer for each task that has one of its own."""
+    shapes = model_shapes(interface)
     head = list(shapes)[len(shapes) - interface.head :]
-    return meta_shapes(shapes, head, meta.training_tasks if meta.heads == "per_task" else ())
+    return meta_shapes(shapes, head, scenario.method(method).heads(scenario))

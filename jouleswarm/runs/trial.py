@@ -47,6 +47,9 @@ def _begun(scenario: Scenario, task: int) -> None:
                 environment.reset(seed=1, options=options)
         action = environment.guide() if environment.has_guide else 0
         environment.step(action)
+        environment.judge(0.0)
+        if environment.can_look:
+            environment.look()
         if environment.can_go_on:
             place = environment.place()
             environment.reset()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import runs_of, task_stages
+from jouleswarm.studies.prices import failures, runs_of, task_stages
 
 Measure = Literal["rounds", "rounds_first", "rounds_w3"]
 MEASURES: tuple[Measure, ...] = ("rounds", "rounds_first", "rounds_w3")
@@ -27,22 +27,15 @@ def tasks_of(facts: Iterable[Fact]) -> tuple[int, ...]:
     return tuple(sorted({fact.task for fact in task_stages(facts)}))
 
 
-def over_runs(runs: dict[int, list[Fact]], value: Callable[[list[Fact]], float]) -> Estimate:
-    """A value of each seed's run, its mean and interval over seeds."""
-    return estimate(value(facts) for facts in runs.values())
-
-
-def rounds_estimate(facts: Sequence[Fact], variant: str, arm: str, tasks: Iterable[int], measure: Measure) -> Estimate:
+def rounds_estimate(facts: Sequence[Fact], arm: str, tasks: Iterable[int], measure: Measure = "rounds") -> Estimate:
     """Rounds of an arm summed over `tasks`, over seeds."""
-    wanted = set(tasks)
-    return over_runs(
-        runs_of(facts, variant, arm),
-        lambda run: sum(getattr(fact, measure) for fact in task_stages(run) if fact.task in wanted),
-    )
+    wanted, runs = set(tasks), runs_of(facts, "", arm).values()
+    return estimate(sum(getattr(fact, measure) for fact in task_stages(run) if fact.task in wanted) for run in runs)
 
 
-def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[int]) -> tuple[int, int]:
-    """(not learned, all) trials of an arm on `tasks`, all seeds together."""
-    wanted = set(tasks)
-    held = [fact for fact in task_stages(facts) if (fact.variant, fact.arm) == (variant, arm) and fact.task in wanted]
-    return sum(not fact.learned for fact in held), len(held)
+def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[int] | None = None) -> tuple[int, int]:
+    """(not learned, all) trials of an arm on `tasks` (default: on all), all seeds together."""
+    wanted = None if tasks is None else set(tasks)
+    held = [fact for fact in task_stages(facts) if (fact.variant, fact.arm) == (variant, arm)]
+    held = [fact for fact in held if wanted is None or fact.task in wanted]
+    return failures(held), len(held)

@@ -1,110 +1,100 @@
-"""How many tasks it takes until meta-learning pays, by pricing measured counts again. Nothing is trained."""
+"""How many tasks it takes until meta-learning pays, by pricing counted facts again. Nothing is trained."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import astuple, replace
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.breakeven import Savings, gain, savings
+from jouleswarm.energy.closed_form import TABLE_I
+from jouleswarm.energy.facts import Counts, Facts
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.energy.prices import PriceList
 from jouleswarm.studies.facts import META_STAGE, Fact
+from jouleswarm.studies.prices import facts_of, runs_of
+
+_DRAWS = 2000
 
 
-class Costs(NamedTuple):
-    """Joules that M tasks cost: `meta_j` + M x `task_j` with meta-learning, M x `plain_j` without."""
+class Compared(NamedTuple):
+    """Facts of one arm with a stage, and of the arm without, by the same seeds."""
 
-    meta_j: float
-    task_j: float
-    plain_j: float
-
-
-@dataclass(frozen=True)
-class MeanCounts:
-    """Mean counts over seeds: of the meta-learning stage and of one task, with it and without."""
-
-    method: str
+    arm: str
     t0: int
-    meta: Counts
-    task: Counts
-    plain: Counts
-    task_rounds: float
-    plain_rounds: float
-    robots: int = 2
-    """Of each cluster; 0 where they differ, as `links`."""
-    links: int = 2
+    mine: list[Facts]
+    plain: list[Facts]
+    seen: Collection[int]
+    """Tasks that the stage was learned from."""
 
-    def facts(self) -> tuple[Facts, Facts, Facts]:
-        """The stage, one task with it and one without, as price lists are given them."""
-        clusters: dict[str, Any] = {"method": self.method, "robots": {1: self.robots}, "links": {1: self.links}}
-        return (
-            Facts("", t0=self.t0, parts={("ml", STAGE): self.meta}, **clusters),
-            Facts("", t0=0, parts={("fl", 1): self.task}, rounds={1: self.task_rounds}, **clusters),
-            Facts("", t0=0, parts={("fl", 1): self.plain}, rounds={1: self.plain_rounds}, **clusters),
-        )
+    def means(self, energy: Energy, prices: PriceList = literal) -> Savings | None:
+        """Of the mean over seeds; None where the price list is not defined."""
+        return savings(mean_facts(self.mine), mean_facts(self.plain), self.seen, energy, prices)
+
+    def between(
+        self, of: Callable[[Savings], float], energy: Energy, prices: PriceList = literal
+    ) -> tuple[float, float] | None:
+        """The middle 95% over seeds drawn again with replacement (Efron 1979); may be infinite. None of one seed."""
+        found = [
+            savings(mine, plain, self.seen, energy, prices) for mine, plain in zip(self.mine, self.plain, strict=True)
+        ]
+        held = [each for each in found if each is not None]
+        if len(held) < 2 or len(held) < len(found):
+            return None
+        table = np.array(held)  # [seeds, fields of Savings]
+        drawn = np.random.default_rng(1).integers(len(held), size=(_DRAWS, len(held)))
+        each = [of(Savings(*row)) for row in table[drawn].mean(axis=1)]
+        low, high = np.quantile(each, [0.025, 0.975], method="inverted_cdf")  # between two infinities is nothing
+        return float(low), float(high)
 
 
-def mean_counts(with_meta: Sequence[Fact], without: Sequence[Fact]) -> MeanCounts:
-    """Reduce the facts of two arms, all seeds together.
-
-    What goes down to the robots grows with the tasks that adapt, so it counts as the tasks' and not as the
-    meta-stage's; what goes up and is learned from does not.
+def compared(facts: Sequence[Fact], arm: str, plain: str, seen: Collection[int]) -> Compared:
+    """Two arms of a study over the seeds that both have.
 
     Raises:
         StudyError: an arm has no facts, or the first no meta-learning stage.
     """
-    meta = [fact for fact in with_meta if fact.task == META_STAGE]
-    tasks = [fact for fact in with_meta if fact.task != META_STAGE]
-    if not meta or not tasks or not without:
-        got = f"{len(meta)} meta-learning stages, {len(tasks)} tasks with and {len(without)} without"
-        raise StudyError(f"break-even: got facts of {got}, expected some of each; run both arms")
-    stage = _mean([fact.counts for fact in meta])
-    down = Counts(downlink_bytes=stage.downlink_bytes * len(meta) / len(tasks))
-    return MeanCounts(
-        method=meta[0].method,
-        t0=meta[0].t0,
-        meta=stage + Counts(downlink_bytes=-stage.downlink_bytes),
-        task=_mean([fact.counts for fact in tasks]) + down,
-        plain=_mean([fact.counts for fact in without]),
-        task_rounds=fmean(fact.rounds for fact in tasks),
-        plain_rounds=fmean(fact.rounds for fact in without),
-        robots=_same(fact.robots for fact in (*tasks, *without)),
-        links=_same(fact.links for fact in (*tasks, *without)),
-    )
+    ours, theirs = (runs_of(facts, "", each) for each in (arm, plain))
+    seeds = [seed for seed in ours if seed in theirs]
+    mine = [facts_of(ours[seed]) for seed in seeds]
+    if not seeds or not all(each.t0 for each in mine):
+        got = f"{len(ours)} runs of {arm or 'no arm'} with a stage and {len(theirs)} of {plain}"
+        raise StudyError(f"break-even: got {got}, expected some of each with the same seeds; run both arms")
+    return Compared(arm, int(mine[0].t0), mine, [facts_of(theirs[seed]) for seed in seeds], seen)
 
 
-def costs(found: MeanCounts, energy: Energy, prices: PriceList = literal) -> Costs | None:
-    """Price mean counts; None where the price list is not defined."""
-    bills = [price(prices, facts, energy) for facts in found.facts()]
-    held = [bill.total_j for bill in bills if bill is not None]
-    return Costs(*held) if len(held) == len(bills) else None
+def at_papers_sizes(facts: Sequence[Fact], training_robots: int) -> list[Fact]:
+    """The same rounds and gradients with Table I's bytes, for whose network its T_0 and T_k are."""
+    return [fact.model_copy(update=_papers_bytes(fact, training_robots)) for fact in facts]
 
 
-def break_even_tasks(found: Costs) -> float:
-    """M*: with more tasks than this meta-learning pays; infinite where no number of tasks is enough.
+def _papers_bytes(fact: Fact, training_robots: int) -> dict[str, float]:
+    if fact.task == META_STAGE:
+        up = fact.t0 * training_robots * TABLE_I.experience_bytes
+        return {"uplink_bytes": up, "downlink_bytes": fact.robots * TABLE_I.weights_bytes}
+    sent = fact.robots * fact.rounds if fact.links else 0
+    moved = {"sidelink_bytes": fact.links * fact.rounds, "sidelink_sent_bytes": sent}
+    return {name: messages * TABLE_I.weights_bytes for name, messages in moved.items()}
 
-    meta_j + M task_j = M plain_j, so M* = meta_j / (plain_j - task_j).
-    """
-    saved_j = found.plain_j - found.task_j
-    return found.meta_j / saved_j if saved_j > 0 else math.inf
 
-
-def gain(found: Costs, tasks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Joules without over joules with meta-learning, for each number of tasks; above 1 it pays."""
-    ratio: NDArray[np.float64] = tasks * found.plain_j / (found.meta_j + tasks * found.task_j)
-    return ratio
+def mean_facts(runs: Sequence[Facts]) -> Facts:
+    """The mean over runs of what was counted and of the rounds."""
+    first = runs[0]
+    parts = {
+        key: Counts(*(fmean(values) for values in zip(*(astuple(run.parts[key]) for run in runs), strict=True)))
+        for key in first.parts
+    }
+    return replace(first, parts=parts, rounds={task: fmean(run.rounds[task] for run in runs) for task in first.rounds})
 
 
 def gain_map(
-    candidates: Sequence[MeanCounts],
+    candidates: Sequence[Compared],
     energy: Energy,
     tasks: NDArray[np.float64],
     ul_over_sl: NDArray[np.float64],
@@ -113,7 +103,7 @@ def gain_map(
     """`gain` of the best candidate at each point.
 
     Args:
-        candidates: mean counts, one a t0.
+        candidates: one a t0.
         energy: constants; its sidelink efficiency stays, the uplink's follows.
         tasks: [columns] numbers of tasks M.
         ul_over_sl: [rows] E_UL / E_SL.
@@ -122,21 +112,11 @@ def gain_map(
     Returns:
         [rows, columns] joules without over joules with meta-learning.
     """
+    means = [(mean_facts(each.mine), mean_facts(each.plain), each.seen) for each in candidates]
     rows = []
     for ratio in ul_over_sl:
         here = energy.model_copy(update={"ul_bit_per_j": float(ratio) * energy.sl_bit_per_j})
-        found = [costs(each, here, prices) for each in candidates]
-        gains = [gain(each, tasks) for each in found if each is not None]
+        found = [savings(mine, plain, seen, here, prices) for mine, plain, seen in means]
+        gains = [[gain(each, number) for number in tasks] for each in found if each is not None]
         rows.append(np.max(gains, axis=0) if gains else np.full(len(tasks), np.nan))
     return np.array(rows)
-
-
-def _same(values: Iterable[int]) -> int:
-    """The value that all have; 0 where they differ."""
-    found = set(values)
-    return found.pop() if len(found) == 1 else 0
-
-
-def _mean(counts: Sequence[Counts]) -> Counts:
-    total = sum(counts, Counts())
-    return Counts(**{name: value / len(counts) for name, value in vars(total).items()})

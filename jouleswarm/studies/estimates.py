@@ -21,6 +21,10 @@ class Estimate(NamedTuple):
     ci95: float | None
     n: int
 
+    def scaled(self, factor: float) -> Estimate:
+        """The same in another unit."""
+        return Estimate(self.mean * factor, None if self.ci95 is None else self.ci95 * factor, self.n)
+
 
 def estimate(values: Iterable[float]) -> Estimate:
     """Mean and half width t(0.975, n - 1) s / sqrt(n) of Student's 95% interval, s the sample's deviation.

@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jouleswarm.common.errors import StudyError
 from jouleswarm.energy.facts import Counts
+from jouleswarm.report.table import Table, csv_text
 from jouleswarm.studies.files import number_text, write_atomically
 
 META_STAGE = 0
@@ -58,15 +60,7 @@ class Fact(BaseModel):
     @property
     def counts(self) -> Counts:
         """What is priced."""
-        return Counts(
-            gradients_support=self.gradients_support,
-            gradients_query=self.gradients_query,
-            gradients_robots=self.gradients_robots,
-            uplink_bytes=self.uplink_bytes,
-            downlink_bytes=self.downlink_bytes,
-            sidelink_bytes=self.sidelink_bytes,
-            sidelink_sent_bytes=self.sidelink_sent_bytes,
-        )
+        return Counts(**{each.name: getattr(self, each.name) for each in fields(Counts)})
 
 
 COLUMNS = tuple(Fact.model_fields)
@@ -79,11 +73,8 @@ def write_facts(path: Path, facts: Iterable[Fact]) -> None:
     Raises:
         StudyError: the file cannot be written.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([number_text(value) for value in fact.model_dump().values()] for fact in facts)
-    write_atomically(path, text.getvalue())
+    rows = [[number_text(value) for value in fact.model_dump().values()] for fact in facts]
+    write_atomically(path, csv_text(Table("", COLUMNS, rows)))
 
 
 def read_facts(path: Path) -> list[Fact]:

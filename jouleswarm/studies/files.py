@@ -7,8 +7,8 @@ from pathlib import Path
 from jouleswarm.common.errors import StudyError
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write `text` to `path`, making its folder; a reader finds the old file or the new one, never a part.
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write to `path`, making its folder; a reader finds the old file or the new one, never a part; text in UTF-8.
 
     Raises:
         StudyError: the file cannot be written.
@@ -16,7 +16,7 @@ def write_atomically(path: Path, text: str) -> None:
     temporary = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         temporary.replace(path)
     except OSError as error:
         raise StudyError(f"cannot write {path}: {error.strerror}; name another folder with --results") from error

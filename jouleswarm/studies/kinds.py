@@ -6,13 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
+from jouleswarm.common.errors import StudyError, usable
+from jouleswarm.report.figures import save_figure
+from jouleswarm.report.table import Table, csv_text, markdown_text
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
 from jouleswarm.studies.names import StudyName
 from jouleswarm.studies.record import Record
-from jouleswarm.studies.style import Draw, write_figure
-from jouleswarm.studies.tables import Table, csv_text, markdown_text
+
+_PNG_DPI = 200
 
 
 @dataclass(frozen=True)
@@ -21,7 +26,7 @@ class Outputs:
 
     csv: dict[str, Table]
     markdown: dict[str, list[Table]]
-    figures: dict[str, Draw] = field(default_factory=dict)
+    figures: dict[str, Callable[[], Figure]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -51,10 +56,16 @@ def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:
 
 
 def write_outputs(folder: Path, outputs: Outputs) -> list[Path]:
-    """Write all tables and draw all figures; returns the paths."""
+    """Write all tables and draw all figures; returns the paths.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
     written = write_csv_tables(folder, outputs)
     written += [_write(folder / f"{name}.md", markdown_text(held)) for name, held in outputs.markdown.items()]
-    return written + [path for name, draw in outputs.figures.items() for path in write_figure(folder, name, draw)]
+    with usable("--results", folder, StudyError):
+        drawn = (save_figure(folder, name, draw, _PNG_DPI) for name, draw in outputs.figures.items())
+        return written + [path for paths in drawn for path in paths]
 
 
 def _write(path: Path, text: str) -> Path:

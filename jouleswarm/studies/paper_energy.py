@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.breakeven import returns_to_pay, tasks_to_pay
+from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList
 from jouleswarm.energy.published import published
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
-from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, tasks_of
-from jouleswarm.studies.breakeven import break_even_tasks, costs, mean_counts
-from jouleswarm.studies.carbon import carbon_columns, carbon_estimates, carbon_headings
+from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of
+from jouleswarm.studies.breakeven import Compared, at_papers_sizes, compared
+from jouleswarm.studies.columns import carbon_columns
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, Efficiencies, failures, priced, runs_of, task_stages
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _UNDEFINED = "The paper implies no prices for these methods at these efficiencies."
 _UNKNOWN = "This price list has no bill for these facts: it is not defined, or asks for more than a study keeps."
@@ -59,17 +62,21 @@ def energy_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList]
                 row = held.get(t0)
                 parts = (row.ml, row.fl, row.total) if row else (None, None, None)
                 cells = [cell for part in parts for cell in spread(part)]
-                counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm, tasks_of(facts)))
+                counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm))
                 printed = _printed(t0, pair)
                 told = (printed.ml_j, printed.total_j) if printed else (None, None)
-                grams = [cell for each in _carbon(facts, arm, energy, pair, prices) for cell in spread(each)]
+                grams = [
+                    cell
+                    for each in carbon_columns(pair.of(energy), prices)
+                    for cell in spread(each.over(facts, "", arm))
+                ]
                 rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *grams))
     return Table(
         "Energy by t0",
         (
             *("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "ml_j", "ml_ci95", "fl_j", "fl_ci95", "total_j"),
             *("total_ci95", "seeds", "not_learned", "trials", "printed_ml_j", "printed_total_j"),
-            *carbon_columns(energy),
+            *(name for column in carbon_columns(energy) for name in column.names),
         ),
         rows,
     )
@@ -99,40 +106,68 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
     tables = []
     for pair in PAIRS:
         for prices in lists:
-            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}"
+            told = ": Table I's powers and times, bytes as counted" if prices is literal else ""
+            title = f"Energy (kJ), E_UL/E_SL = {pair.label}, {prices.label}{told}"
             held = energy_rows(facts, energy, pair, prices)
-            headings = ("t0", "E_ML", "sum of E_FL", "E", "not learned", "printed E", *carbon_headings(energy))
+            headings = (
+                "t0",
+                "E_ML",
+                "sum of E_FL",
+                "E",
+                "not learned",
+                "printed E",
+                *(column.heading for column in carbon_columns(energy)),
+            )
             if held is None:
                 note = _UNDEFINED if prices is published else _UNKNOWN
                 tables.append(Table(title, headings, [], (note,)))
                 continue
             best = optimum(held)
-            rows = [
-                (*_row(facts, pair, row, row is best), *map(estimate_text, _carbon(facts, arm, energy, pair, prices)))
-                for row, arm in zip(held, arms_by_t0(facts).values(), strict=True)
-            ]
+            rows = []
+            for row, arm in zip(held, arms_by_t0(facts).values(), strict=True):
+                grams = (estimate_text(each.over(facts, "", arm)) for each in carbon_columns(pair.of(energy), prices))
+                rows.append((*_row(facts, pair, row, row is best), *grams))
             tables.append(Table(title, headings, rows, ("The lowest mean is bold.",)))
     return tables
 
 
-def break_even_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Table:
-    """M*, the number of tasks beyond which meta-learning pays; inf where none is enough."""
+def break_even_csv(
+    facts: Sequence[Fact], energy: Energy, training: Sequence[int], lists: Sequence[PriceList] = PRICE_LISTS
+) -> Table:
+    """M*, the number of tasks beyond which meta-learning pays, and how often seen tasks must return; inf: never.
+
+    Over what was counted, and by the paper's batches and bytes throughout (`sizes`), for whose network Table I's times
+    are. The intervals are the middle 95% over seeds drawn again.
+    """
     rows: list[tuple[Cell, ...]] = []
-    arms = arms_by_t0(facts)
-    without = [fact for fact in facts if fact.arm == PLAIN]
     for pair in PAIRS:
         for prices in lists:
-            for t0, arm in arms.items():
-                if t0 == 0 or not without:
-                    continue
-                mean = mean_counts([fact for fact in facts if fact.arm == arm], without)
-                found = costs(mean, pair.of(energy), prices)
-                tasks = break_even_tasks(found) if found else None
-                cells = tuple(found) if found else (None, None, None)
-                counted = (failures_of(facts, "", each, tasks_of(facts)) for each in (arm, PLAIN))
-                rows.append((*_head(pair, prices, t0), *cells, tasks, *(cell for pair_ in counted for cell in pair_)))
-    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "meta_j", "task_j", "plain_task_j", "break_even_tasks")
-    return Table("Break-even", (*headings, "not_learned", "trials", "plain_not_learned", "plain_trials"), rows)
+            for sizes, view in (("counted", facts), ("paper", at_papers_sizes(facts, len(training)))):
+                for each in compared_arms(view, training):
+                    cells = _break_even(each, pair.of(energy), prices)
+                    counted = (failures_of(facts, "", arm) for arm in (each.arm, PLAIN))
+                    head = _head(pair, prices, each.t0)
+                    rows.append((*head, sizes, *cells, *(cell for pair_ in counted for cell in pair_)))
+    headings = ("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "sizes", "stage_j", "seen_saved_j", "unseen_saved_j")
+    answers = ("plain_task_j", "break_even_tasks", "low95", "high95", "returns", "returns_low95", "returns_high95")
+    failed = ("not_learned", "trials", "plain_not_learned", "plain_trials")
+    return Table("Break-even", (*headings, *answers, *failed), rows)
+
+
+def compared_arms(facts: Sequence[Fact], training: Sequence[int]) -> list[Compared]:
+    """Every arm with a stage, with the one without beside it; none where that was not run."""
+    arms = arms_by_t0(facts)
+    return [compared(facts, arm, PLAIN, training) for t0, arm in arms.items() if t0] if 0 in arms else []
+
+
+def _break_even(each: Compared, energy: Energy, prices: PriceList) -> tuple[Cell, ...]:
+    found = each.means(energy, prices)
+    if found is None:
+        return (None,) * 10
+    answers: list[Cell] = []
+    for of in (tasks_to_pay, returns_to_pay):
+        answers += [of(found), *(each.between(of, energy, prices) or (None, None))]
+    return found.stage_j, found.seen_j, found.unseen_j, found.plain_j, *answers
 
 
 def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) -> tuple[Cell, ...]:
@@ -140,15 +175,8 @@ def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) 
     ml, fl, total = (estimate_text(part, 1e3) for part in (row.ml, row.fl, row.total))
     printed = _printed(row.t0, pair)
     told = f"{printed.total_j / 1e3:g}" if printed else None
-    not_learned = failures_text(*failures_of(facts, "", arm, tasks_of(facts)))
+    not_learned = failures_text(*failures_of(facts, "", arm))
     return row.t0, ml, fl, f"**{total}**" if best else total, not_learned, told
-
-
-def _carbon(
-    facts: Sequence[Fact], arm: str, energy: Energy, pair: Efficiencies, prices: PriceList
-) -> tuple[Estimate | None, ...]:
-    """Grams of one t0; not known by the published prices, which do not tell sites apart."""
-    return carbon_estimates(runs_of(facts, "", arm).values(), pair.of(energy), prices)
 
 
 def _printed(t0: int, pair: Efficiencies) -> PrintedTotal | None:

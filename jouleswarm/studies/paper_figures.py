@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,25 +14,19 @@ from jouleswarm.common.errors import StudyError
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.report.arms import INK
+from jouleswarm.report.canvas import bars, new_figure
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
-from jouleswarm.studies.breakeven import MeanCounts, gain_map, mean_counts
+from jouleswarm.studies.breakeven import Compared, gain_map
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.paper_energy import energy_rows, optimum
+from jouleswarm.studies.paper_energy import compared_arms, energy_rows, optimum
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, facts_of, runs_of
-from jouleswarm.studies.style import COLOURS, INK, META, PLAIN_COLOUR, blank, points
+from jouleswarm.studies.style import COLOURS, META, PLAIN_COLOUR, points
 
 PAPER_T0 = 210
 _PAIR_COLOURS = (INK, "#D55E00")
-_BAR = 0.38
-_ABOVE: dict[str, Any] = {
-    "ha": "center",
-    "va": "bottom",
-    "fontsize": 6,
-    "xytext": (0, 2),
-    "textcoords": "offset points",
-}
-_MAP_TASKS, _MAP_RATIOS = (1.0, 200.0), (0.01, 100.0)
+_MAP_TASKS, _MAP_RATIOS = (1.0, 5000.0), (0.01, 100.0)
 _MAP_POINTS = 121
 
 
@@ -43,16 +35,17 @@ def figure_3(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] =
     t0 = shown_t0(facts)
     arms = {"with meta-learning": arms_by_t0(facts)[t0], "without": PLAIN}
     tasks = tasks_of(facts)
-    figure = blank(5.6 * (len(lists) + 1) / 3)
+    figure = new_figure(5.6 * (len(lists) + 1) / 3)
     *panels, last = figure.subplots(len(lists) + 1, 1, sharex=True)
-    for axes, prices in zip(panels, lists, strict=True):
-        for place, arm in enumerate(arms.values()):
-            _bars(axes, place, _stage_estimates(facts, arm, energy, prices, tasks))
-        axes.set_ylabel(f"energy (kJ),\n{prices.label}")
-    for place, arm in enumerate(arms.values()):
-        rounds = [rounds_estimate(facts, "", arm, (task,), "rounds") for task in tasks]
+    for place, (arm, colour) in enumerate(zip(arms.values(), (META, PLAIN_COLOUR), strict=True)):
         start = Estimate(float(t0 if arm != PLAIN else 0), None, 1)
-        _bars(last, place, [start, *rounds])
+        rounds = [start, *(rounds_estimate(facts, arm, (task,)) for task in tasks)]
+        shown = [*(_stage_estimates(facts, arm, energy, prices, tasks) for prices in lists), rounds]
+        for axes, found in zip((*panels, last), shown, strict=True):
+            means, texts = [each.mean for each in found], [f"{each.mean:.3g}" for each in found]
+            bars(axes, place, len(arms), means, colour, ci95=[each.ci95 or 0.0 for each in found], texts=texts)
+    for axes, prices in zip(panels, lists, strict=True):
+        axes.set_ylabel(f"energy (kJ),\n{prices.label}")
     last.set_ylabel("rounds")
     names = [f"meta-learning\n($t_0$ = {t0})", *(f"task {task}" for task in tasks)]
     last.set_xticks(range(len(names)), names)
@@ -67,7 +60,7 @@ def figure_3(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] =
 
 def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
     """Fig. 4a: E_ML, the sum of E_FL and E against t0, for both pairs of efficiencies; a panel a price list."""
-    figure = blank(3.2)
+    figure = new_figure(3.2)
     for axes, prices in zip(figure.subplots(1, len(lists), squeeze=False)[0], lists, strict=True):
         for pair, colour in zip(PAIRS, _PAIR_COLOURS, strict=True):
             rows = energy_rows(facts, energy, pair, prices)
@@ -75,7 +68,7 @@ def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] 
                 continue
             t0s = [float(row.t0) for row in rows]
             for part, marker, line in (("ml", "D", "-"), ("fl", "s", "-"), ("total", "", "--")):
-                held = [_kilo(getattr(row, part)) for row in rows]
+                held = [getattr(row, part).scaled(1e-3) for row in rows]
                 points(axes, t0s, held, color=colour, marker=marker, linestyle=line)
             best = optimum(rows)
             axes.plot(best.t0, best.total.mean / 1e3, marker="o", color=colour, fillstyle="none", markersize=9)
@@ -100,11 +93,11 @@ def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] 
 
 def figure_4b(facts: Sequence[Fact]) -> Figure:
     """Fig. 4b: rounds t_i against t0, a line a task."""
-    figure = blank(2.8)
+    figure = new_figure(2.8)
     axes = figure.subplots()
     arms = arms_by_t0(facts)
     for place, task in enumerate(tasks_of(facts)):
-        found = [rounds_estimate(facts, "", arm, (task,), "rounds") for arm in arms.values()]
+        found = [rounds_estimate(facts, arm, (task,)) for arm in arms.values()]
         at = [t0 + (place - len(tasks_of(facts)) / 2) for t0 in arms]  # side by side, so that no interval hides another
         points(axes, at, found, color=COLOURS[place % len(COLOURS)], marker="o", label=f"task {task}")
     axes.set_xlabel("$t_0$ (rounds)")
@@ -117,6 +110,7 @@ def figure_4b(facts: Sequence[Fact]) -> Figure:
 def break_even_figure(
     facts: Sequence[Fact],
     energy: Energy,
+    training: Sequence[int],
     sl_bit_per_j: float,
     t0: int | None = None,
     prices: PriceList = literal,
@@ -128,8 +122,8 @@ def break_even_figure(
     tasks = np.geomspace(*_MAP_TASKS, _MAP_POINTS)
     ratios = np.geomspace(*_MAP_RATIOS, _MAP_POINTS)
     here = energy.model_copy(update={"sl_bit_per_j": sl_bit_per_j})
-    found = np.log10(gain_map(_candidates(facts, t0), here, tasks, ratios, prices))
-    figure = blank(3.4)
+    found = np.log10(gain_map(_candidates(facts, training, t0), here, tasks, ratios, prices))
+    figure = new_figure(3.4)
     axes = figure.subplots()
     if np.isnan(found).any():
         axes.text(0.5, 0.5, "the price list has no bill for these facts", ha="center", transform=axes.transAxes)
@@ -159,15 +153,13 @@ def shown_t0(facts: Sequence[Fact]) -> int:
     return PAPER_T0 if PAPER_T0 in measured else max(measured)
 
 
-def _candidates(facts: Sequence[Fact], t0: int | None) -> list[MeanCounts]:
-    without = [fact for fact in facts if fact.arm == PLAIN]
-    arms = {found: arm for found, arm in arms_by_t0(facts).items() if found and t0 in (None, found)}
-    if not arms:
-        raise StudyError(
-            f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''}, expected one; measured t0 are "
-            f"{', '.join(map(str, arms_by_t0(facts)))}"
-        )
-    return [mean_counts([fact for fact in facts if fact.arm == arm], without) for arm in arms.values()]
+def _candidates(facts: Sequence[Fact], training: Sequence[int], t0: int | None) -> list[Compared]:
+    if found := [each for each in compared_arms(facts, training) if t0 in (None, each.t0)]:
+        return found
+    raise StudyError(
+        f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''} beside one without, expected one; "
+        f"measured t0 are {', '.join(map(str, arms_by_t0(facts)))}"
+    )
 
 
 def _stage_estimates(
@@ -181,21 +173,4 @@ def _stage_estimates(
     bills = [[price(prices, stage, here) for stage in held] for held in stages]
     if any(bill is None for held in bills for bill in held):
         return []
-    return [_kilo(estimate(bill.total_j for bill in held if bill)) for held in bills]
-
-
-def _bars(axes: Axes, place: int, found: Sequence[Estimate]) -> None:
-    at = [x + (place - 0.5) * _BAR for x in range(len(found))]
-    means, halves = [each.mean for each in found], [each.ci95 or 0.0 for each in found]
-    colour = (META, PLAIN_COLOUR)[place]
-    axes.bar(at, means, _BAR, color=colour, yerr=halves, error_kw={"elinewidth": 0.8, "capsize": 2, "ecolor": INK})
-    for x, each in zip(at, found, strict=True):
-        if each.mean:
-            text = f"{each.mean:.3g}"
-            axes.annotate(
-                text, (x, each.mean), ha="center", va="bottom", fontsize=6, xytext=(6, 1), textcoords="offset points"
-            )
-
-
-def _kilo(found: Estimate) -> Estimate:
-    return Estimate(found.mean / 1e3, None if found.ci95 is None else found.ci95 / 1e3, found.n)
+    return [estimate(bill.total_j for bill in held if bill).scaled(1e-3) for held in bills]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum
 
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import MEASURES, Measure, arms_by_t0, failures_of, rounds_estimate, tasks_of
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.tables import Cell, Table, estimate_text, failures_text, spread
+from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _PRINTED_TASKS = (1, 2, 3, 4, 5, 6)
 _MEASURE_TITLES = {
@@ -21,17 +22,8 @@ _CENSORED = "A task that was not learned counts as the rounds it ran, so means w
 
 def table_2_csv(facts: Sequence[Fact]) -> Table:
     """t_i over seeds for every t0 and task and their sum, by each measure, beside the printed Table II."""
-    rows: list[tuple[Cell, ...]] = []
     tasks = tasks_of(facts)
-    for measure in MEASURES:
-        for t0, arm in arms_by_t0(facts).items():
-            for name, of in (*((str(task), (task,)) for task in tasks), ("sum", tasks)):
-                found = rounds_estimate(facts, "", arm, of, measure)
-                not_learned, trials = failures_of(facts, "", arm, of)
-                cells = (*spread(found), found.n, not_learned, trials, _printed(t0, of, tasks))
-                rows.append((measure, t0, name, *cells))
-    headings = ("measure", "t0", "task", "rounds", "ci95", "seeds", "not_learned", "trials", "printed")
-    return Table("Table II", headings, rows)
+    return _rounds_csv(facts, "task", [*((str(task), (task,)) for task in tasks), ("sum", tasks)])
 
 
 def table_2_markdown(facts: Sequence[Fact]) -> list[Table]:
@@ -41,16 +33,7 @@ def table_2_markdown(facts: Sequence[Fact]) -> list[Table]:
 
 def seen_unseen_csv(facts: Sequence[Fact], training: Sequence[int]) -> Table:
     """Rounds summed over tasks seen in meta-training, and over the unseen, beside the printed sums."""
-    rows: list[tuple[Cell, ...]] = []
-    for measure in MEASURES:
-        for t0, arm in arms_by_t0(facts).items():
-            for name, of in _groups(facts, training):
-                found = rounds_estimate(facts, "", arm, of, measure)
-                not_learned, trials = failures_of(facts, "", arm, of)
-                printed = _printed(t0, of, tasks_of(facts))
-                rows.append((measure, t0, name, *spread(found), found.n, not_learned, trials, printed))
-    headings = ("measure", "t0", "tasks", "rounds", "ci95", "seeds", "not_learned", "trials", "printed")
-    return Table("Seen and unseen tasks", headings, rows)
+    return _rounds_csv(facts, "tasks", _groups(facts, training))
 
 
 def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int]) -> list[Table]:
@@ -68,6 +51,18 @@ def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int]) -> list
     return [Table("Rounds summed over seen and unseen tasks (printed)", headings, rows, (_CENSORED,))]
 
 
+def _rounds_csv(facts: Sequence[Fact], what: str, groups: Sequence[tuple[str, tuple[int, ...]]]) -> Table:
+    """A row a measure, t0 and group of tasks."""
+    rows: list[tuple[Cell, ...]] = []
+    for measure in MEASURES:
+        for t0, arm in arms_by_t0(facts).items():
+            for name, of in groups:
+                found = rounds_estimate(facts, arm, of, measure)
+                counted = (found.n, *failures_of(facts, "", arm, of), _printed(t0, of, tasks_of(facts)))
+                rows.append((measure, t0, name, *spread(found), *counted))
+    return Table("", ("measure", "t0", what, "rounds", "ci95", "seeds", "not_learned", "trials", "printed"), rows)
+
+
 def _by_measure(facts: Sequence[Fact], measure: Measure) -> Table:
     tasks = tasks_of(facts)
     rows: list[tuple[Cell, ...]] = []
@@ -80,7 +75,7 @@ def _by_measure(facts: Sequence[Fact], measure: Measure) -> Table:
 
 def _cell(facts: Sequence[Fact], t0: int, arm: str, of: Sequence[int], measure: Measure) -> str:
     printed = _printed(t0, of, tasks_of(facts))
-    text = estimate_text(rounds_estimate(facts, "", arm, of, measure))
+    text = estimate_text(rounds_estimate(facts, arm, of, measure))
     return text if printed is None else f"{text} ({printed:.1f})"
 
 

@@ -60,7 +60,7 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
             "seen_unseen": seen_unseen_csv(facts, training),
             "energy": energy_csv(facts, energy, lists),
             "optimum": optimum_csv(facts, energy, lists),
-            "breakeven": break_even_csv(facts, energy, lists),
+            "breakeven": break_even_csv(facts, energy, training, lists),
         },
         markdown={
             "table2": table_2_markdown(facts),
@@ -73,7 +73,7 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
             "fig4b": lambda: figure_4b(facts),
             **{
                 "breakeven" if prices is literal else f"breakeven-{prices.name}": partial(
-                    break_even_figure, facts, energy, sl_bit_per_j, record.t0 or None, prices
+                    break_even_figure, facts, energy, training, sl_bit_per_j, record.t0 or None, prices
                 )
                 for prices in (literal, *own_lists(lists))
             },

@@ -12,7 +12,6 @@ from jouleswarm.energy.facts import STAGE, Counts, Facts, Phase
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.energy.published import published
-from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import META_STAGE, Fact
 
 PRICE_LISTS: tuple[PriceList, ...] = (literal, published)
@@ -67,13 +66,6 @@ def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> Bill | N
 def cost_of(facts: Sequence[Fact], energy: Energy) -> Cost:
     """What one arm of one run cost by cause, literal prices."""
     return literal.price(facts_of(facts), energy).both
-
-
-def total_over_runs(runs: Iterable[Sequence[Fact]], energy: Energy, prices: PriceList) -> Estimate | None:
-    """E over seeds by a list; None where it has no bill for one of them."""
-    found = [priced(run, energy, prices) for run in runs]
-    held = [bill.total_j for bill in found if bill is not None]
-    return estimate(held) if len(held) == len(found) else None
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:

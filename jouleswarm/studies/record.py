@@ -38,14 +38,15 @@ class Record(BaseModel):
 
 
 def write_record(folder: Path, record: Record) -> None:
-    """Write `study.json`, and beside it the user's files that tables need: all that the scenario names but models.
+    """Write `study.json`, and in `doors/` the user's files that reading it back needs: all that the scenario names but
+    models.
 
     Raises:
         StudyError: it cannot be written.
     """
     for name, path in record.scenario.files.items():
         if path.suffix != MODEL_SUFFIX:
-            write_atomically(folder / DOORS / name, path.read_text(encoding="utf-8"))
+            write_atomically(folder / DOORS / name, path.read_bytes())
     write_atomically(folder / RECORD, record.model_dump_json(indent=2) + "\n")
 
 

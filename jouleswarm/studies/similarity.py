@@ -9,7 +9,10 @@ from matplotlib.figure import Figure
 
 from jouleswarm.environments.landmarks.families import MAX_STEM, Path, draw_family, drawing, similarity
 from jouleswarm.environments.landmarks.settings import task_map, world_of
-from jouleswarm.studies.arms import PLAIN, failures_of, tasks_of
+from jouleswarm.report.arms import INK
+from jouleswarm.report.canvas import new_figure
+from jouleswarm.report.table import Cell, Table
+from jouleswarm.studies.arms import PLAIN, failures_of
 from jouleswarm.studies.comparison import comparison_csv, comparison_markdown
 from jouleswarm.studies.estimates import estimate
 from jouleswarm.studies.facts import Fact
@@ -17,9 +20,8 @@ from jouleswarm.studies.jobs import Request, Variant
 from jouleswarm.studies.kinds import Kind, Outputs, Plan
 from jouleswarm.studies.prices import failures, runs_of, task_stages
 from jouleswarm.studies.record import Record
-from jouleswarm.studies.style import COLOURS, INK, blank
+from jouleswarm.studies.style import COLOURS
 from jouleswarm.studies.sweeps import pair_settings
-from jouleswarm.studies.tables import Cell, Table
 
 
 def plan(request: Request) -> Plan:
@@ -77,7 +79,7 @@ def gains_csv(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Tab
 
 def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Figure:
     """Transfer gain against measured similarity: a point a run, and the mean of each stem with its interval."""
-    figure = blank(3.2)
+    figure = new_figure(3.2)
     axes = figure.subplots()
     for place, (variant, of_seeds) in enumerate(gains(facts).items()):
         colour = COLOURS[place % len(COLOURS)]
@@ -87,7 +89,7 @@ def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> 
         if not xs:
             continue
         arms = dict.fromkeys(fact.arm for fact in facts)
-        failed = sum(failures_of(facts, variant, arm, tasks_of(facts))[0] for arm in arms)
+        failed = sum(failures_of(facts, variant, arm)[0] for arm in arms)
         name = variant.replace("=", " ") + (f", {failed} not learned" if failed else "")
         axes.plot(xs, ys, linestyle="", marker="o", markersize=3, alpha=0.5, color=colour)
         x, y = estimate(xs), estimate(ys)

@@ -123,6 +123,35 @@ def test_what_goes_wrong_in_it_is_one_line(kwargs: dict[str, Any], message: str)
 
 
 @pytest.mark.parametrize(
+    ("word", "answer", "message"),
+    [
+        ("reset", np.zeros(3, np.float32), r"reset\(\) gave a ndarray, expected 2 values"),
+        ("step", (np.zeros(3, np.float32), 0.0, False, {}), r"step\(\) gave 4 values, expected 5 values"),
+        ("step", (np.zeros(3, np.float32), None, False, False, {}), "reward: TypeError"),
+        ("guide", None, "guide: TypeError"),
+        ("judge", 3.5, r"judge\(\) gave a float, expected 2 values"),
+        ("judge", (3.5, None), "judge: AttributeError"),
+        ("start", "entry", r"start\(\) gave 'entry', expected options of reset, or a list of them"),
+        ("start", [], r"start\(\) gave \[\], expected"),
+    ],
+)
+def test_an_answer_of_another_form_is_one_line(
+    word: str, answer: object, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"tests.worlds.Known.{word}", lambda *_, **__: answer)
+    environment = made("Known")
+    asked = {"step": (0,), "judge": (1.0,), "starts": ("area", 0, 1)}
+    name = "starts" if word == "start" else word
+    with pytest.raises(RunError, match=message):
+        getattr(environment, name)(*asked.get(name, ()))
+
+
+def test_no_options_may_be_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.worlds.Known.start", lambda *_: None)
+    assert made("Known").starts("area", 0, 2) == [{}]
+
+
+@pytest.mark.parametrize(
     ("environment", "kwargs", "message"),
     [
         ("tests.worlds:Continuous", [{}], "continuous actions, .*expected Discrete"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import shutil
@@ -181,14 +182,22 @@ def read_run() -> Callable[..., Run]:
 
 @pytest.fixture(scope="session")
 def run_toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunToy]:
-    """Runs `jouleswarm run scenarios/toy.toml` to its end."""
-    out = tmp_path_factory.mktemp("runs")
-    starter = Starter(out)
+    """Runs `jouleswarm run scenarios/toy.toml` to its end, once for all of xdist's workers: nobody may change it."""
+    own = tmp_path_factory.getbasetemp()
+    out = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "shared-runs"
+    out.mkdir(exist_ok=True)
+    starter = Starter(tmp_path_factory.mktemp("printed"))
 
     def run(name: str, *overrides: str, options: tuple[str, ...] = ("--no-figures",)) -> Run:
-        started = starter.jouleswarm("run", str(TOY), "--out", str(out), "--run-id", name, *options, *sets(*overrides))
-        assert started.ends() == 0, started.printed
-        return Run(out / name, started.printed)
+        printed = out / f"{name}.txt"
+        with (out / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not printed.exists():
+                where = ("--out", str(out), "--run-id", name)
+                started = starter.jouleswarm("run", str(TOY), *where, *options, *sets(*overrides))
+                assert started.ends() == 0, started.printed
+                printed.write_text(started.printed)
+        return Run(out / name, printed.read_text())
 
     yield run
     starter.end()

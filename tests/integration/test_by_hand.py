@@ -36,16 +36,24 @@ def without(figures: list[dict[str, Any]], *names: str) -> list[dict[str, Any]]:
     return [{key: value for key, value in row.items() if key not in names} for row in figures]
 
 
-def test_the_training_robot_comes_last_and_garbage_on_the_uplink_changes_nothing(
+def test_the_training_robot_comes_last_after_garbage_and_twins_who_are_refused_and_nothing_changes(
     broker: str, by_hand: Any, onlooker: Any, small_run: Any
 ) -> None:
     hand = by_hand(broker)
     ears = onlooker(broker, topics.presence(NAME, "+", "+"), topics.meta_round(NAME, "maml"))
     recorder = hand.recorder()
     center, *others = hand.data_center(), hand.robot(4, "--task", "2"), hand.robot(2), hand.robot(3)
-    missing = {topics.presence(NAME, task, agent) for task, agent in ((1, 2), (2, 3), (2, 4))}
-    missing.add(topics.meta_round(NAME, "maml"))
-    heard(ears, lambda message: (missing.discard(message.topic), not missing)[1])  # all wait for robot 1
+    wanted = topics.meta_round(NAME, "maml")
+    missing = {topics.presence(NAME, task, agent) for task, agent in ((0, 0), (1, 2), (2, 3), (2, 4))} | {wanted}
+    retained = {}
+    while missing:  # all wait for robot 1
+        message = heard(ears, lambda message: message.topic in missing and bool(message.payload))
+        missing.discard(message.topic)
+        retained[message.topic] = message.payload
+    assert decode_json(retained[wanted], RoundRequest) == RoundRequest(first=1, last=2)
+    for twin, name in ((hand.robot(2), "robot 2"), (hand.data_center(), "the data center")):
+        assert twin.ends() == 2, twin.printed
+        assert f"{name} of this run is another process already, which goes on" in twin.printed.splitlines()[-1]
     ears.publish(topics.experience(NAME, "maml", 1, 1), b"garbage")
     ears.flush()
     others.append(hand.robot(1))
@@ -57,6 +65,9 @@ def test_the_training_robot_comes_last_and_garbage_on_the_uplink_changes_nothing
     refused = {(row["agent"], row["round"]): row["refused"] for row in run.figures if row["phase"] == "maml"}
     assert refused == {(0, 1): 1, (0, 2): 1, (1, 1): 0, (1, 2): 0}
     assert "refused a message on jouleswarm/by-hand/maml/ul/1/1/experience" in center.printed
+    # What was wanted stays on the broker only while it is wanted.
+    late = onlooker(broker, wanted, topics.presence(NAME, 0, 0))
+    assert late.receive(0.2) is None
 
 
 def test_a_robot_that_comes_after_the_meta_model_went_by_gets_it_and_garbage_on_a_sidelink_changes_nothing(
@@ -160,16 +171,3 @@ def test_a_robot_that_dies_ends_the_recording_with_its_name(
     assert "agent-2 died, its connection broke off" in recorder.printed
     assert read_run(hand.out / NAME).summary["status"] == "failed"
     assert all(robot.process.poll() is None for robot in (robots[0], *robots[2:]))  # they wait for it to come back
-
-
-def test_wanted_rounds_stay_on_the_broker_only_while_they_are_wanted(broker: str, by_hand: Any, onlooker: Any) -> None:
-    hand = by_hand(broker)
-    center = hand.data_center()
-    ears = onlooker(broker, topics.meta_round(NAME, "maml"))
-    message = heard(ears, lambda message: bool(message.payload))
-    assert decode_json(message.payload, RoundRequest) == RoundRequest(first=1, last=2)
-    for agent in (1, 2, 3, 4):
-        hand.robot(agent)
-    assert center.ends() == 0, center.printed
-    late = onlooker(broker, topics.meta_round(NAME, "maml"), topics.presence(NAME, 0, 0))
-    assert late.receive(0.2) is None

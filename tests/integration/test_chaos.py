@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 from collections.abc import Iterator
@@ -14,11 +15,7 @@ import pytest
 from rich.console import Console
 
 from jouleswarm.chaos.chaos import outcome
-from jouleswarm.common.bus.bus import Message
-from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import Presence, decode_json
 from jouleswarm.fleet.deploy import Options, run_deployment
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.recorder import Recorder
@@ -59,30 +56,32 @@ def marked(mark: str) -> list[psutil.Process]:
     return sorted(found, key=lambda each: each.create_time())
 
 
-@pytest.mark.parametrize("phase", ["maml", "fl"])
 def test_a_run_of_which_everything_was_killed_is_gone_on_with_to_the_same_end(
-    phase: str, undisturbed: Any, start: Any, eventually: Any, read_run: Any, tmp_path: Path
+    undisturbed: Any, start: Any, eventually: Any, read_run: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "r"
-    run = start.jouleswarm("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets(LONGER), TEST_MARK=str(path))
-    eventually(lambda: has_row(path, phase), f"a row of {phase}")
-    for process in marked(str(path)):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            process.kill()
-    assert run.ends(DEADLINE_S) == -signal.SIGKILL
-    eventually(lambda: not marked(str(path)), "the end of all")
-    assert not (path / "summary.json").exists()
+    begin = ("run", TOY, "--out", str(tmp_path), "--run-id", "r", *sets(LONGER))
+    resume = ("run", "--resume", str(path), "--no-figures")
+    for phase, command in (("maml", begin), ("fl", resume)):
+        run = start.jouleswarm(*command, TEST_MARK=str(path))
+        eventually(functools.partial(has_row, path, phase), f"a row of {phase}")
+        for process in marked(str(path)):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process.kill()
+        assert run.ends(DEADLINE_S) == -signal.SIGKILL
+        eventually(lambda: not marked(str(path)), "the end of all")
+        assert not (path / "summary.json").exists()
     report = start.jouleswarm("report", str(path))
     assert report.ends(DEADLINE_S) == 0, report.printed
     assert "interrupted" in report.printed
 
-    resumed = start.jouleswarm("run", "--resume", str(path), "--no-figures")
+    resumed = start.jouleswarm(*resume)
     assert resumed.ends(DEADLINE_S) == 0, resumed.printed
     assert outcome(path) == undisturbed
     assert not (path / "state").exists()
     done = read_run(path)
     assert done.summary["status"] == "complete"
-    assert len(done.manifest["resumed"]) == 1
+    assert len(done.manifest["resumed"]) == 2
 
 
 class Killer:
@@ -169,30 +168,3 @@ def test_chaos_finds_the_same_end_after_every_fault(start: Any, tmp_path: Path) 
         ("broker killed", "leaving"),
     }  # fmt: skip
     assert {(row[2], row[-1]) for row in rows if row[-1]} == {("state lost", "refused"), ("disk full", "no space left")}
-
-
-def heard(bus: MqttBus, topic: str) -> Message:
-    while message := bus.receive(DEADLINE_S):
-        if message.topic == topic and message.payload and decode_json(message.payload, Presence).state == "here":
-            return message
-    pytest.fail("not heard")
-
-
-def test_a_second_process_of_a_robot_or_the_data_center_is_refused_and_the_run_goes_on_to_the_same_end(
-    broker: str, by_hand: Any, onlooker: Any, small_run: Any
-) -> None:
-    hand = by_hand(broker)
-    ears = onlooker(broker, topics.presence(hand.name, "+", "+"))
-    recorder = hand.recorder()
-    center, *robots = hand.data_center(), hand.robot(1)
-    for task, agent in ((0, 0), (1, 1)):
-        heard(ears, topics.presence(hand.name, task, agent))
-        twin, name = (hand.robot(1), "robot 1") if agent else (hand.data_center(), "the data center")
-        assert twin.ends(DEADLINE_S) == 2, twin.printed
-        said = f"{name} of this run is another process already, which goes on"
-        assert said in twin.printed.splitlines()[-1]
-    robots += [hand.robot(agent) for agent in (2, 3, 4)]  # only now can the run come to its end
-    run = hand.run(recorder)
-    assert [process.ends() for process in (center, *robots)] == [0] * 5
-    assert run.weights == small_run.weights
-    assert run.figures == small_run.figures

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -61,42 +61,32 @@ def test_a_run_begins_from_a_model_of_an_earlier_one_and_goes_on_with_more_round
         "learning.batches_per_round=4", f"learning.init={model}",
     )  # fmt: skip
 
-    def run(name: str, rounds: int, *options: str) -> None:
-        where = ("--out", str(tmp_path / "runs"), "--run-id", name, "--no-figures", *options)
-        started = start.jouleswarm("run", str(scenario), *where, *sets(*changes, f"federation.max_rounds={rounds}"))
-        assert started.ends() == 0, started.printed
+    where = ("--out", str(tmp_path), "--run-id", "more", "--no-figures", "--keep-state")
+    begun = start.jouleswarm("run", str(scenario), *where, *sets(*changes, "federation.max_rounds=1"))
+    assert begun.ends() == 0, begun.printed
 
-    def resumed(*settings: str) -> Any:
-        options = ("--resume", str(tmp_path / "runs" / "short"), "--no-figures", *sets(*settings))
-        return start.jouleswarm("run", *options)
+    def resumed(path: Path, *settings: str) -> Any:
+        return start.jouleswarm("run", "--resume", str(path), "--no-figures", *sets(*settings))
 
-    run("short", 1, "--keep-state")
-    run("long", 3)
-    for settings, told in (
-        (("federation.max_rounds=1",), "max_rounds 1 after 1, target_reward 1000 after 1000; expected higher"),
-        (("federation.max_rounds=9", "seed=4"), "--set changes more than how long it goes on"),
+    path, done = tmp_path / "more", tmp_path / "done"
+    shutil.copytree(small_run.path, done)
+    for of, settings, told in (
+        (path, ("federation.max_rounds=1",), "max_rounds 1 after 1, target_reward 1000 after 1000; expected higher"),
+        (path, ("federation.max_rounds=9", "seed=4"), "--set changes more than how long it goes on"),
+        (done, ("federation.max_rounds=9",), "not keep how its arms ended; run the scenario with --keep-state"),
     ):
-        refused = resumed(*settings)
+        refused = resumed(of, *settings)
         assert refused.ends() == 2
         assert told in refused.printed
-    assert resumed("federation.max_rounds=3").ends() == 0
+    assert resumed(path, "federation.max_rounds=3").ends() == 0
 
-    short, long = (read_run(tmp_path / "runs" / name) for name in ("short", "long"))
-    assert short.weights == long.weights
-    assert [short.summary["arms"][arm]["energy_j"] for arm in ("fl", "fedavg")] == [
-        long.summary["arms"][arm]["energy_j"] for arm in ("fl", "fedavg")
-    ]
-    told = [_rows(run.path) for run in (short, long)]
-    assert told[0] == told[1]
-    kept = json.loads((short.path / "manifest.json").read_text())
-    assert kept["continued"][0]["max_rounds"] == 1
-    assert safetensors.numpy.load_file(short.path / "doors" / "fl-task1.safetensors").keys()
-    assert not (long.path / "state").exists()
-    ended = start.jouleswarm("run", "--resume", str(long.path), *sets("federation.max_rounds=9"))
-    assert ended.ends() == 2
-    assert "does not keep how its arms ended; run the scenario with --keep-state" in ended.printed
-
-
-def _rows(run: Path) -> list[dict[str, Any]]:
-    rows = map(json.loads, (run / "rounds.jsonl").read_text().splitlines())
-    return [{**row, "seconds": 0, "refused": 0} for row in rows]
+    run = read_run(path)
+    outcome = run_in_memory(load_scenario(scenario, [*changes, "federation.max_rounds=3"]))
+    assert run.weights == {f"{arm}-task{task}.safetensors": each for (arm, task), each in outcome.learned.items()}
+    undisturbed = [row.model_dump(mode="json", exclude={"seconds", "refused"}) for row in outcome.rows]
+    assert [{key: row[key] for key in row if key != "refused"} for row in run.figures] == undisturbed
+    # 3 rounds, 4 robots: to a neighbour each, or up and down; each counted once
+    links = [("fl", "sidelink"), ("fedavg", "uplink"), ("fedavg", "downlink")]
+    assert [run.summary["arms"][arm]["bytes"][link]["messages"] for arm, link in links] == [12, 12, 12]
+    assert run.manifest["continued"][0]["max_rounds"] == 1
+    assert safetensors.numpy.load_file(path / "doors" / "fl-task1.safetensors").keys()

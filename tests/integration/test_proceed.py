@@ -23,17 +23,15 @@ from tests.integration.conftest import DEADLINE_S, ROOT, TOY
 ROUNDS = 300
 PROCEED = (
     "methods=['fl']", "federation.on_missing=proceed", "federation.missing_after_s=1", "bus.resend_after_s=1",
-    "federation.target_reward=1000", "learning.motions_per_round=6", "learning.batches_per_round=4",
+    "federation.target_reward=1000", "learning.motions_per_round=2", "learning.batches_per_round=1",
     f"federation.max_rounds={ROUNDS}",
 )  # fmt: skip
-
-
 FEW = 5  # more rounds than a neighbour may be ahead of a robot without leaving it behind
 Rows = Sequence[RoundRow]
 
 
-def robot_1_is_in_round_2(rows: Rows) -> bool:
-    return any(row.agent == 1 and row.round >= 2 for row in rows)
+def is_in_round_2(agent: int) -> Callable[[Rows], bool]:
+    return lambda rows: any(row.agent == agent and row.round >= 2 for row in rows)
 
 
 def robot_2_has_gone_on(rows: Rows) -> bool:
@@ -41,11 +39,11 @@ def robot_2_has_gone_on(rows: Rows) -> bool:
 
 
 class Hand:
-    """An intruder who sends robot 1 signals, each when the rows so far are as it says."""
+    """An intruder who sends robots signals, each when the rows so far are as it says."""
 
     tick_s = 0.2
 
-    def __init__(self, *plan: tuple[Callable[[Rows], bool], signal.Signals]) -> None:
+    def __init__(self, *plan: tuple[Callable[[Rows], bool], str, signal.Signals]) -> None:
         self.left = list(plan)
 
     @contextlib.contextmanager
@@ -55,45 +53,45 @@ class Hand:
 
     def tick(self) -> None:
         if self.left and self.left[0][0](self.recorder.rows):
-            os.kill(self.launcher.pids["agent-1"], self.left.pop(0)[1])
+            _, robot, sent = self.left.pop(0)
+            os.kill(self.launcher.pids[robot], sent)
 
 
-def deploy(out: Path, hand: Hand) -> Path:
-    intrusion = Options(restarts=0, intruder=hand)
-    path = run_deployment(load_scenario(TOY, PROCEED), "r", out, Console(quiet=True), intrusion)
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory, read_run: Callable[[Path], Any]) -> Any:
+    """Robot 1 is stopped for a while, and robot 3, of the other task, dies."""
+    hand = Hand(
+        (is_in_round_2(1), "agent-1", signal.SIGSTOP),
+        (is_in_round_2(3), "agent-3", signal.SIGKILL),
+        (robot_2_has_gone_on, "agent-1", signal.SIGCONT),
+    )
+    out, intrusion = tmp_path_factory.mktemp("proceed"), Options(restarts=0, intruder=hand)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        path = run_deployment(load_scenario(TOY, PROCEED), "r", out, Console(quiet=True), intrusion)
     assert hand.left == []
-    return path
+    return read_run(path)
 
 
 def rows_of(run: Any, agent: int) -> list[RoundRow]:
     return [RoundRow.model_validate(row) for row in run.lines("rounds.jsonl") if row["agent"] == agent]
 
 
-def test_the_others_go_on_without_a_robot_that_dies_and_hand_in_their_model(
-    start: Any, read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    path = deploy(tmp_path, Hand((robot_1_is_in_round_2, signal.SIGKILL)))
-    run = read_run(path)
-    dead, widowed, elsewhere = (rows_of(run, agent) for agent in (1, 2, 3))
+def test_the_others_go_on_without_a_robot_that_dies_and_hand_in_their_model(run: Any, start: Any) -> None:
+    dead, widowed, elsewhere = (rows_of(run, agent) for agent in (3, 4, 2))
     assert dead[-1].round < ROUNDS
     assert [row.round for row in widowed] == list(range(1, ROUNDS + 1))
     assert widowed[0].missed == ()
-    assert {row.missed for row in widowed[dead[-1].round + 1 :]} == {(1,)}
-    assert {row.missed for row in elsewhere} == {()}
-    assert (path / "weights" / "fl-task1.safetensors").exists()
+    assert {row.missed for row in widowed[dead[-1].round + 1 :]} == {(3,)}
+    assert (3,) not in {row.missed for row in elsewhere}
+    assert (run.path / "weights" / "fl-task2.safetensors").exists()
     assert run.summary["status"] == "complete"
-    report = start.jouleswarm("report", str(path))
+    report = start.jouleswarm("report", str(run.path))
     assert report.ends(DEADLINE_S) == 0, report.printed
-    assert "robot 2 without 1 in" in " ".join(report.printed.split())
+    assert "robot 4 without 3 in" in " ".join(report.printed.split())
 
 
-def test_a_robot_that_was_stopped_comes_back_into_the_rounds_of_the_others(
-    read_run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    path = deploy(tmp_path, Hand((robot_1_is_in_round_2, signal.SIGSTOP), (robot_2_has_gone_on, signal.SIGCONT)))
-    run = read_run(path)
+def test_a_robot_that_was_stopped_comes_back_into_the_rounds_of_the_others(run: Any) -> None:
     away, other = rows_of(run, 1), rows_of(run, 2)
     assert [row.round for row in other] == list(range(1, ROUNDS + 1))
     assert {row.missed for row in other} == {(), (1,)}

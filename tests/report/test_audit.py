@@ -5,8 +5,15 @@ import io
 import pytest
 from rich.console import Console
 
-from jouleswarm.report.audit import AuditRow, audit_rows, print_audit
-from jouleswarm.report.audit_rows import EFFICIENT_SIDELINK, EFFICIENT_UPLINK, implied_bill, literal_bill
+from jouleswarm.report.audit import print_audit
+from jouleswarm.report.audit_rows import (
+    EFFICIENT_SIDELINK,
+    EFFICIENT_UPLINK,
+    AuditRow,
+    audit_rows,
+    implied_bill,
+    literal_bill,
+)
 from jouleswarm.runs.paper import BEST_SIDELINK, BEST_UPLINK, HEADLINE, NO_MAML, TABLE_II, printed_total
 
 

@@ -67,9 +67,9 @@ def test_without_meter_rows_the_bars_are_the_closed_form(interrupted) -> None:
 
 def test_each_figure_is_written_as_png_and_svg(run) -> None:
     written = write_figures(run, run.scenario.energy)
-    assert [path.name for path in written] == [
-        f"{name}.{kind}" for name in ("energy", "rounds", "rewards", "bytes") for kind in ("png", "svg")
-    ]
+    names = ("energy", "rounds", "rewards", "learned", "bytes")
+    drawn = [f"{name}.{kind}" for name in names for kind in ("png", "svg")]
+    assert [path.name for path in written] == [*drawn, "learned.csv"]
     assert all(path.parent == run.path / "figures" and path.stat().st_size > 1000 for path in written)
 
 
@@ -88,4 +88,4 @@ def test_figures_of_runs_with_little_in_them(write_run, facts, what: str) -> Non
     else:
         run = load_run(write_run(tasks=[{"id": 1, "map": "E .\n* .\nX ."}], methods=["fl"]))
     assert isinstance(run.path, Path)
-    assert set(inline_svgs(run, run.scenario.energy)) == {"energy", "rounds", "rewards", "bytes"}
+    assert set(inline_svgs(run, run.scenario.energy)) == {"energy", "rounds", "rewards", "learned", "bytes"}

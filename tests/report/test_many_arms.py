@@ -26,13 +26,14 @@ from jouleswarm.energy.repricing import Prices
 from jouleswarm.methods.shipped import all_shipped
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
-from jouleswarm.report.format import TextTable
 from jouleswarm.report.notes import headline, notes, verdicts
-from jouleswarm.report.report import Run, load_run, report
+from jouleswarm.report.report import report
+from jouleswarm.report.table import Cell, Table
 from jouleswarm.report.tables import bytes_table, causes_tables, rounds_table, sites_tables, totals_table
 from jouleswarm.runs.columns import columns
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.manifest import manifest
+from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.summary import summarise
 
 RUN = "many"
@@ -93,8 +94,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return load_run(_write(tmp_path_factory.mktemp("many") / "run"))
 
 
-def rows_of(table: TextTable) -> dict[str, list[str]]:
-    return {row[0]: row[1:] for row in table.rows}
+def rows_of(table: Table) -> dict[Cell, list[Cell]]:
+    return {row[0]: list(row[1:]) for row in table.rows}
 
 
 def test_rounds_have_a_row_an_arm_with_its_own_t0(run: Run) -> None:

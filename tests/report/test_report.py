@@ -18,10 +18,11 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.repricing import Prices, reprice
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.notes import notes, verdicts
-from jouleswarm.report.report import load_run, print_report, report
+from jouleswarm.report.report import print_report, report
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import Column, closed_facts, columns
 from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, SUMMARY
+from jouleswarm.runs.run import load_run
 from jouleswarm.runs.summary import summarise
 
 
@@ -260,8 +261,8 @@ def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     assert after.pop("report-ul500-sl200.html")
     assert after == before
     assert sorted(file.name for file in (complete / "figures").iterdir()) == [
-        "energy-ul500-sl200.png",
-        "energy-ul500-sl200.svg",
+        *("energy-ul500-sl200.png", "energy-ul500-sl200.svg"),
+        *("learned-ul500-sl200.csv", "learned-ul500-sl200.png", "learned-ul500-sl200.svg"),
     ]
 
 

@@ -63,7 +63,7 @@ def test_the_figure_has_an_arm_a_point_and_is_written_at_other_prices_too(run: R
     axes = time_figure(run, run.scenario.energy).axes[0]
     points = [tuple(each.get_offsets()[0]) for each in axes.collections]
     assert points == [pytest.approx((STAGE_S + 60, 3.18792), rel=1e-3), pytest.approx((200, 2.4528), rel=1e-3)]
-    assert [path.name for path in write_figures(run, run.scenario.energy, "-x")][-1] == "time-x.svg"
+    assert "time-x.svg" in [path.name for path in write_figures(run, run.scenario.energy, "-x")]
 
 
 def test_the_front_leaves_out_what_another_beats() -> None:

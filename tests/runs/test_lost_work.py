@@ -12,9 +12,10 @@ import pytest
 from rich.console import Console
 
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.report.report import load_run, print_report
+from jouleswarm.report.report import print_report
 from jouleswarm.report.tables import lost_tables
 from jouleswarm.runs.lost_work import lost_work
+from jouleswarm.runs.run import load_run
 from jouleswarm.runs.summary import summarise
 
 MOTIONS = 20  # of a round, by default

@@ -16,7 +16,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.facts import Counts, StageCounts
 from jouleswarm.energy.literal import bill
-from jouleswarm.runs.facts import arm_counts, meta_counts, meta_rounds, task_counts, task_results
+from jouleswarm.runs.facts import meta_counts, meta_rounds, task_counts, task_results
 from jouleswarm.runs.summary import summarise
 
 RUN = "r"
@@ -109,7 +109,7 @@ def test_a_parameter_servers_traffic_is_its_tasks() -> None:
     second = Counts(gradients_robots=40, uplink_bytes=600, downlink_bytes=1400)
     assert task_counts(rows, meter, "fedavg", task=2) == second
     assert task_counts(rows, meter, "fedavg", task=1) == Counts(uplink_bytes=100)
-    assert arm_counts(rows, meter, "fedavg") == StageCounts(fl=second + Counts(uplink_bytes=100))
+    assert task_counts(rows, meter, "fedavg") == second + Counts(uplink_bytes=100)
 
 
 def test_a_task_whose_number_begins_like_anothers_is_another() -> None:
@@ -121,9 +121,10 @@ def test_centralized_learning_is_paid_by_the_data_center_in_its_tasks() -> None:
     up = delivered("datacenter", topics.transition(RUN, "centralized", 1, 1), 24_000)
     down = delivered("agent-1", f"jouleswarm/{RUN}/centralized/dl/1/weights", 5_000)
     rows = [row(arm="centralized", agent=0, round=1, gradients=40), row(arm="centralized", agent=1, round=1)]
-    counts = arm_counts(rows, up + down, "centralized")
-    assert counts == StageCounts(fl=Counts(gradients_support=40, uplink_bytes=24_000, downlink_bytes=5_000))
-    priced = bill(counts, Energy())
+    counts = task_counts(rows, up + down, "centralized")
+    assert counts == Counts(gradients_support=40, uplink_bytes=24_000, downlink_bytes=5_000)
+    assert meta_counts(rows, up + down, "centralized") == Counts()
+    priced = bill(StageCounts(fl=counts), Energy())
     assert priced.fl.computing_datacenter_j == pytest.approx(788.24)  # 1.67 x 40 x 11.8 J
     assert priced.robots_j == pytest.approx(0.96)  # 192 kbit / 200 kb/J, sent by robots
     assert priced.datacenter_j == pytest.approx(788.44)  # and 40 kbit / 200 kb/J down

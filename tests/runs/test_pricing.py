@@ -9,7 +9,8 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link, weights
 from jouleswarm.energy.facts import Counts, StageCounts
-from jouleswarm.runs.facts import TaskResult, arm_counts, meta_rounds, task_counts, task_results
+from jouleswarm.runs.arm_facts import arm_facts, in_packets
+from jouleswarm.runs.facts import TaskResult, meta_rounds, task_counts, task_results
 from jouleswarm.runs.summary import summarise
 from jouleswarm.runs.traffic import Traffic, metered_by, traffic
 
@@ -30,7 +31,7 @@ LITERAL_NO_MAML = {
 
 
 def test_counts_of_an_arm(facts) -> None:
-    assert arm_counts(facts.rows, facts.meter_rows, "maml") == StageCounts(
+    assert arm_facts(facts.scenario, facts.rows, facts.meter_rows, "maml").counts == StageCounts(
         ml=Counts(gradients_support=60, gradients_query=60, uplink_bytes=120_000, downlink_bytes=20_000),
         fl=Counts(gradients_robots=400, sidelink_bytes=100_000, sidelink_sent_bytes=100_000),
     )
@@ -43,7 +44,8 @@ def test_counts_of_one_task_leave_out_what_serves_all(facts) -> None:
 
 
 def test_counts_in_whole_packets(facts) -> None:
-    packets = arm_counts(facts.rows, facts.meter_rows, "maml", measure="packet")
+    of_run = facts.scenario, facts.rows, facts.meter_rows
+    packets = in_packets(arm_facts(*of_run, "maml"), *of_run).counts
     assert (packets.ml.uplink_bytes, packets.ml.downlink_bytes) == (132_000, 20_200)
     assert packets.fl.sidelink_bytes == 20 * 5040
 
@@ -67,7 +69,8 @@ def test_overhead_is_protocol_bytes_per_payload_byte() -> None:
 def test_without_broker_rows_the_clients_feed_the_same_bill(facts) -> None:
     external = [row for row in facts.meter_rows if row.side == "client"]
     assert metered_by(external) == "client"
-    assert arm_counts(facts.rows, external, "maml") == arm_counts(facts.rows, facts.meter_rows, "maml")
+    found = [arm_facts(facts.scenario, facts.rows, rows, "maml") for rows in (external, facts.meter_rows)]
+    assert found[0].counts == found[1].counts
 
 
 def test_a_message_to_many_neighbours_is_sent_once(facts) -> None:

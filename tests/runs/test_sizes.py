@@ -84,7 +84,7 @@ def test_weights_are_sized_as_their_codec_writes_them(facts, codec: str, first: 
     federation = facts.scenario.federation.model_copy(update={"codec": codec, "topk_share": 0.1})
     scenario = facts.scenario.model_copy(update={"network": TINY, "federation": federation})
     sizes = scenario_sizes(scenario)
-    assert (sizes.first_weights_bytes, sizes.weights_bytes, sizes.meta_model_bytes) == (first, later, meta)
+    assert (sizes.first_weights_bytes, sizes.weights_bytes, sizes.meta_model_of) == (first, later, {"maml": meta})
     expected = expected_counts(scenario, "maml", 3, {1: 4, 2: 6}, sizes)
     assert expected.ml.downlink_bytes == 4 * meta  # robots
     assert expected.fl.sidelink_bytes == 2 * (first + 3 * later) + 2 * (first + 5 * later)

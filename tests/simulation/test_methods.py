@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -39,9 +40,14 @@ def small(method: str, *overrides: str) -> Scenario:
     return load_scenario(TOY, [*SMALL, f"methods=['{method}']", *overrides])
 
 
+@functools.cache
+def alone(method: str) -> Outcome:
+    return run_in_memory(small(method))
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_moves_its_messages_and_computes_its_gradients(method: str) -> None:
-    outcome = run_in_memory(small(method))
+    outcome = alone(method)
     rows = outcome.hub.meter.rows()
     links = (Link.UPLINK, Link.DOWNLINK, Link.SIDELINK)
     assert tuple(traffic(rows, method, link).messages for link in links) == MESSAGES[method]
@@ -61,8 +67,8 @@ def test_arms_of_all_methods_in_one_run_are_what_each_is_alone() -> None:
     together = run_in_memory(load_scenario(TOY, [*SMALL, f"methods={list(METHODS)}", "meta.adapt_from=[1]"]))
     assert len(together.learned) == 2 * (len(METHODS) + len(META_METHODS))
     for method in ("fl", "centralized", "multitask"):
-        alone = run_in_memory(small(method))
-        assert {key: together.learned[key] for key in alone.learned} == alone.learned
+        learned = alone(method).learned
+        assert {key: together.learned[key] for key in learned} == learned
 
 
 class LosingHub(MemoryHub):
@@ -96,8 +102,6 @@ def results(outcome: Outcome) -> tuple[object, ...]:
 def test_what_is_lost_is_asked_for_again_and_the_end_is_the_same_to_the_bit(
     method: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scenario = small(method, "bus.resend_after_s=0.05")
-    undisturbed = run_in_memory(scenario)
     monkeypatch.setattr(LosingHub, "words", words)
     monkeypatch.setattr(jouleswarm.simulation, "MemoryHub", LosingHub)
-    assert results(run_in_memory(scenario)) == results(undisturbed)
+    assert results(run_in_memory(small(method, "bus.resend_after_s=0.05"))) == results(alone(method))

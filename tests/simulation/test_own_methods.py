@@ -202,6 +202,14 @@ def test_a_penalty_holds_robots_where_their_rounds_begin(folder: Path) -> None:
     assert far(near) < far(free) / 2
 
 
+def test_the_closed_form_has_the_heads_that_a_method_says(folder: Path) -> None:
+    scenario = own(folder, "maml", "own:Staged")  # `meta.heads` is per_task; Staged says that it has none
+    sizes = scenario_sizes(scenario)
+    assert sizes.meta_model_of["staged"] == sizes.weights_bytes < sizes.meta_model_of["maml"]
+    counts = expected_counts(scenario, "staged", 2, {1: 3, 2: 3}, sizes)
+    assert counts.ml.downlink_bytes == 4 * sizes.weights_bytes  # to each of 4 robots
+
+
 def test_the_closed_form_of_one_s_own_is_by_whom_it_meets(folder: Path) -> None:
     scenario = own(folder, "own:Momentum", "own:MomentumServer", "own:Central", "own:Staged")
     outcome, sizes = run_in_memory(scenario), scenario_sizes(scenario)

@@ -8,6 +8,7 @@ from jouleswarm.energy.bill import CAUSES, Bill, Cost, parts
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.published import published
+from jouleswarm.studies.columns import total_column
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import (
     PAIRS,
@@ -17,7 +18,6 @@ from jouleswarm.studies.prices import (
     moved_bytes,
     priced,
     runs_of,
-    total_over_runs,
 )
 from tests.studies.made_up import meta_fact, task_fact
 
@@ -84,7 +84,7 @@ class ByMessage:
 
 def test_a_list_that_asks_for_more_than_facts_csv_holds_has_no_bill() -> None:
     assert priced(small_run(), ONES, ByMessage()) is None
-    assert total_over_runs([small_run(), small_run(2)], ONES, ByMessage()) is None
+    assert total_column(ByMessage(), ONES, "E").over([*small_run(), *small_run(2)], "", "maml") is None
 
 
 def test_runs_are_told_apart_by_seed_variant_and_arm() -> None:

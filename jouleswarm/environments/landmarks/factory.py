@@ -37,7 +37,10 @@ class Factory:
 
     sections = {"world": World, "camera": Camera}  # noqa: RUF012
     task = Trajectory
-    defaults = {"network": {"width": 96, "height": 72}}  # noqa: RUF012
+    defaults = {  # noqa: RUF012 -- max_motions ends episodes, up to 100_000
+        "network": {"width": 96, "height": 72},
+        "learning": {"max_episode_steps": 100_000},
+    }
 
     def of_task(self, scenario: Scenario, task: int) -> gymnasium.Env[Any, Any]:
         """The environment of one task."""

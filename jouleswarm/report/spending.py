@@ -1,0 +1,34 @@
+"""Curves of what was learned against what was spent."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.report.arms import INK, colours
+from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
+from jouleswarm.runs.curves import SPENT, curves
+from jouleswarm.runs.run import Run
+
+
+def learned_figure(run: Run, energy: Energy) -> Figure:
+    """Share of tasks learned, and the mean R, against joules, bits, gradients and motions."""
+    points = curves(run, energy)
+    figure = new_figure(3.6 + legend_in(len(run.scenario.arms)))
+    grid = figure.subplots(2, len(SPENT), sharex="col", sharey="row", squeeze=False)
+    for column, (what, heading) in enumerate(SPENT.items()):
+        upper, lower = grid[0][column], grid[1][column]
+        for arm, colour in colours(run.scenario).items():
+            rows = points[(points["arm"] == arm) & (points[what] > 0)]
+            upper.step(rows[what], 100 * rows["share_learned"], where="post", color=colour, linewidth=1.2)
+            lower.plot(rows[what], rows["reward"], color=colour, linewidth=1.2)
+        lower.axhline(run.scenario.federation.target_reward, color=INK, linestyle="--", linewidth=0.7)
+        lower.set_xlabel(heading)
+        if (points[what] > 0).any():
+            lower.set_xscale("log")
+            lower.xaxis.set_minor_formatter(NullFormatter())  # of a short axis they would cover each other
+    grid[0][0].set_ylabel("tasks learned (%)")
+    grid[1][0].set_ylabel("mean R")
+    figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
+    return figure

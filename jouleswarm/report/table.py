@@ -1,0 +1,105 @@
+"""A table before it is shown on anything, and how it is shown: on a terminal, in HTML, as Markdown, as CSV."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+import rich.table
+from rich.box import SIMPLE_HEAVY
+from rich.markup import escape
+
+Cell = str | int | float | bool | None
+
+
+class Table(NamedTuple):
+    """One cell a heading in each row; the first column is a name, the others are figures.
+
+    Floats are for programs: CSV has six digits of them, readers see three (see `number`). `styles` are of rows, by
+    their numbers from 0: "bold" ends a section, "red" and "green" judge.
+    """
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    notes: Sequence[str] = ()
+    styles: Mapping[int, str] = MappingProxyType({})
+
+
+def number(value: float) -> str:
+    """A number for readers: three digits or one decimal, whichever is more."""
+    return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
+
+
+def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
+    """For a console. `wrap`: names are sentences, which may be broken, and the figures may not."""
+    shown = rich.table.Table(
+        title=escape(table.title),
+        caption=escape("\n".join(table.notes)) or None,
+        caption_justify="left",
+        caption_style="dim",
+        box=SIMPLE_HEAVY,
+        padding=(0, 1, 0, 0),
+        show_lines=wrap,
+    )
+    for place, heading in enumerate(table.headings):
+        shown.add_column(escape(heading), justify="right" if place else "left", no_wrap=(place == 0) != wrap)
+    for row, style in _styled(table):
+        shown.add_row(*map(escape, row), style=style, end_section=style == "bold")
+    return shown
+
+
+def html_text(table: Table) -> str:
+    """One section of a page; a row's style is its class."""
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.headings)
+    lines = [
+        (f'<tr class="{style}">' if style else "<tr>")
+        + "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
+        + "</tr>"
+        for row, style in _styled(table)
+    ]
+    return (
+        f'<h2>{html.escape(table.title)}</h2><div class="wide"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+        + "".join(f"<p>{html.escape(note)}</p>" for note in table.notes)
+    )
+
+
+def markdown_text(tables: Iterable[Table]) -> str:
+    """Tables one below the other, each under a heading, its notes after it."""
+    return "\n".join(_markdown(table) for table in tables)
+
+
+def csv_text(table: Table) -> str:
+    """For programs: numbers to six digits, so that another machine's rounding makes no other file."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.headings)
+    writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in table.rows)
+    return text.getvalue()
+
+
+def _markdown(table: Table) -> str:
+    rule = ["---", *("---:" for _ in table.headings[1:])]
+    lines = [_line(cells) for cells in (table.headings, rule, *(row for row, _ in _styled(table)))]
+    return "\n".join([f"### {table.title}", "", *lines, *(f"\n{note}" for note in table.notes)]) + "\n"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _styled(table: Table) -> list[tuple[list[str], str]]:
+    """Rows for readers, each with its style."""
+    texts = ([_text(cell) for cell in row] for row in table.rows)
+    return [(row, table.styles.get(place, "")) for place, row in enumerate(texts)]
+
+
+def _text(cell: Cell) -> str:
+    if cell is None:
+        return "-"
+    return number(cell) if isinstance(cell, float) else str(cell)

@@ -1,0 +1,135 @@
+"""Why the verdict is what it is: what each bill hangs on, when it turns, and how sure it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from matplotlib.figure import Figure
+
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.breakeven import returns_to_pay, tasks_to_pay
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, price, with_beta
+from jouleswarm.energy.uncertain import bills, draw, interval, pays
+from jouleswarm.energy.why import CONSTANTS, Price, hangs, scaled, value_of
+from jouleswarm.methods.consensus import BASELINE
+from jouleswarm.report.arms import INK, colours, label, labels, method_label
+from jouleswarm.report.canvas import new_figure
+from jouleswarm.report.format import joules_text
+from jouleswarm.report.table import Table
+from jouleswarm.runs.breakeven import comparable, savings_of
+from jouleswarm.runs.run import Run
+
+_MOST_PANELS = 3
+
+
+def why_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
+    """For each arm with a stage before: what its bill hangs on, and at which value the verdict would turn."""
+    tables = []
+    for arm in comparable(run):
+        here = with_beta(energy, run.facts[arm.name])
+        mine, other = total_of(run.facts[arm.name], prices), total_of(run.facts[BASELINE], prices)
+        found = sorted(hangs(here, mine, other), key=lambda each: -abs(each.elasticity))
+        rows = [
+            [
+                CONSTANTS[each.constant],
+                f"{each.value:.4g}",
+                f"{abs(each.elasticity):.2%}",
+                f"{each.elasticity:+.4f}",
+                "never" if each.turns_at is None else f"{each.turns_at:.4g}",
+            ]
+            for each in found
+        ]
+        headings = ["constant", "value", "share of the bill", "elasticity", "verdict turns at"]
+        against = f"{label(run.scenario, arm)} against {method_label(run.scenario, BASELINE)}"
+        tables.append(Table(f"What the bill hangs on: {against}", headings, rows))
+    return tables
+
+
+def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
+    """From how many tasks, or returns of a seen one, learning a model first pays; none without such an arm."""
+    rows = []
+    for arm in comparable(run):
+        found = savings_of(run, arm.name, with_beta(energy, run.facts[arm.name]), prices)
+        if found is not None:
+            saved = (_signed(found.seen_j), _signed(found.unseen_j))
+            until = (_count(tasks_to_pay(found)), _count(returns_to_pay(found)))
+            rows.append([label(run.scenario, arm), joules_text(found.stage_j), *saved, str(found.seen_tasks), *until])
+    headings = ["arm", "stage", "saved a seen task", "an unseen one", "seen", "pays from tasks", "or returns"]
+    return [Table(f"When it pays against {method_label(run.scenario, BASELINE)}", headings, rows)] if rows else []
+
+
+def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
+    """The bills at constants that are ranges, and how likely each arm is the cheaper one; none where all are exact."""
+    if not energy.uncertain:
+        return []
+    arms = [arm for arm, facts in run.facts.items() if price(prices, facts, energy) is not None and facts.metered]
+    beta = {arm: with_beta(energy, run.facts[arm]).beta for arm in arms}
+    drawn = list(draw(energy))
+    totals = {arm: total_of(run.facts[arm], prices, beta[arm]) for arm in arms}
+    joules, rows = bills(totals, drawn), []
+    for arm in arms:
+        found = interval(joules[arm])
+        cheaper = f"{pays(joules[arm], joules[BASELINE]):.1%}" if arm != BASELINE and BASELINE in joules else ""
+        told = (joules_text(found.mean), f"{joules_text(found.low)} to {joules_text(found.high)}", cheaper)
+        rows.append([labels(run.scenario)[arm], joules_text(totals[arm](energy)), *told])
+    ranges = ", ".join(f"{name} {each.low:g} to {each.high:g}" for name, each in energy.uncertain.items())
+    against = f"cheaper than {method_label(run.scenario, BASELINE)}"
+    headings = ["arm", "at the nominal values", "mean", "middle 95%", against]
+    return [Table(f"E where constants are ranges: {ranges}", headings, rows)]
+
+
+def tornado_figure(run: Run, energy: Energy) -> Figure:
+    """How the factor between the arms with a stage and the one without moves where a constant is halved or doubled.
+
+    Args:
+        run: with arms that may be compared.
+        energy: the constants.
+    """
+    arms = comparable(run)[:_MOST_PANELS]
+    figure = new_figure(0.6 + 1.9 * len(arms))
+    for axes, arm in zip(figure.subplots(len(arms), 1, squeeze=False).ravel(), arms, strict=True):
+        here, facts = with_beta(energy, run.facts[arm.name]), (run.facts[arm.name], run.facts[BASELINE])
+        mine, other = (total_of(each, literal) for each in facts)
+        bars = sorted(_bars(here, mine, other), key=lambda bar: abs(math.log(bar[2] / bar[1])))
+        for place, (constant, half, double) in enumerate(bars):
+            axes.barh(place, double - half, left=half, color=colours(run.scenario)[arm.name], height=0.6)
+            axes.plot(half, place, marker="<" if half < double else ">", color=INK, markersize=3)
+            axes.annotate(f" {CONSTANTS[constant]}", (max(half, double), place), va="center", fontsize=7)
+        axes.axvline(mine(here) / other(here), color=INK, linewidth=0.8)
+        axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
+        axes.set_xscale("log")
+        axes.set_yticks([])
+        axes.set_xlabel(f"joules of {label(run.scenario, arm)} / joules of {method_label(run.scenario, BASELINE)}")
+    return figure
+
+
+def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -> Price:
+    """An arm's total by a list, at any constants; `beta` of its own in place of theirs."""
+
+    def total(energy: Energy) -> float:
+        here = energy if beta is None else energy.model_copy(update={"beta": beta})
+        bill = price(prices, facts, here)
+        return math.nan if bill is None else bill.total_j
+
+    return total
+
+
+def _bars(energy: Energy, mine: Price, other: Price) -> Iterator[tuple[str, float, float]]:
+    """(constant, factor where it is halved, where it is doubled) of the constants that move it."""
+    for constant in CONSTANTS:
+        if not value_of(energy, constant):
+            continue
+        half, double = (mine(each) / other(each) for each in (scaled(energy, constant, f) for f in (0.5, 2.0)))
+        if abs(math.log(double / half)) > 1e-6:
+            yield constant, half, double
+
+
+def _signed(joules: float) -> str:
+    return f"-{joules_text(-joules)}" if joules < 0 else joules_text(joules)
+
+
+def _count(number: float) -> str:
+    return "never" if math.isinf(number) else f"{math.ceil(number):,}"

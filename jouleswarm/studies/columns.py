@@ -1,0 +1,103 @@
+"""What tables and figures tell of an arm, each told once: its names, its unit, and its value of one run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import PAPER_CAUSES, Cause
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
+from jouleswarm.energy.items import BITS_PER_BYTE
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import PriceList, own_lists
+from jouleswarm.studies.estimates import Estimate, estimate
+from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.prices import cost_of, failures, moved_bytes, priced, runs_of, task_stages
+
+Value = Callable[[list[Fact]], float | None]
+"""Of the facts of one arm and seed; None where it is not known."""
+
+
+class Column(NamedTuple):
+    """A value of each run, of which tables and figures have the mean over seeds and its interval."""
+
+    name: str
+    """In CSV."""
+    heading: str
+    """For readers, with the unit."""
+    unit: float
+    """What readers see one of, for example 1000 J."""
+    of: Value
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Of its two columns in CSV."""
+        return self.name, f"{self.name}_ci95"
+
+    def over(self, facts: Sequence[Fact], variant: str, arm: str) -> Estimate | None:
+        """Over the seeds of one variant's arm; None where it is not known of every run."""
+        values = [self.of(run) for run in runs_of(facts, variant, arm).values()]
+        held = [value for value in values if value is not None]
+        return estimate(held) if len(held) == len(values) else None
+
+    def shown(self, facts: Sequence[Fact], variant: str, arm: str) -> Estimate:
+        """The same in readers' units; nan where it is not known."""
+        found = self.over(facts, variant, arm) or Estimate(math.nan, None, 0)
+        return found.scaled(1 / self.unit)
+
+
+def rounds_sum(run: list[Fact]) -> float:
+    """Rounds of a run, summed over its tasks."""
+    return sum(fact.rounds for fact in task_stages(run))
+
+
+def total_column(prices: PriceList, energy: Energy, heading: str) -> Column:
+    """E by a list; not known where it is not defined."""
+
+    def total_j(run: list[Fact]) -> float | None:
+        bill = priced(run, energy, prices)
+        return bill.total_j if bill else None
+
+    return Column("total_j" if prices is literal else f"{prices.name}_j", heading, 1e3, total_j)
+
+
+def cause_columns(energy: Energy) -> list[Column]:
+    """Joules by cause, literal prices: these have no other."""
+
+    def spent_on(cause: Cause) -> Value:
+        return lambda run: cost_of(run, energy).by_cause[cause]
+
+    return [Column(cause.column, f"{cause.heading} (kJ)", 1e3, spent_on(cause)) for cause in PAPER_CAUSES]
+
+
+def carbon_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
+    """Grams of CO2 equivalent by site and together; none where no site's intensity is set.
+
+    A site whose intensity is not known has none, and no site where a price list does not tell sites apart.
+    """
+
+    def grams(name: str) -> Value:
+        def value(run: list[Fact]) -> float | None:
+            bill = priced(run, energy, prices)
+            found: float | None = getattr(carbon(bill, at_sites(energy)), name) if bill else None
+            return found
+
+        return value
+
+    headings = {"datacenter_g": "data center (gCO2e)", "robots_g": "robots (gCO2e)", "total_g": "gCO2e"}
+    return [Column(*each, 1, grams(each[0])) for each in headings.items()] if has_carbon(energy) else []
+
+
+def arm_columns(energy: Energy, lists: Sequence[PriceList]) -> list[Column]:
+    """All that a comparison of arms tells, in the order of its tables."""
+    return [
+        Column("rounds", "rounds", 1, rounds_sum),
+        Column("success", "learned (%)", 0.01, lambda run: 1 - failures(run) / len(task_stages(run))),
+        *cause_columns(energy),
+        total_column(literal, energy, "E (kJ)"),
+        *(total_column(each, energy, f"E (kJ), {each.label}") for each in own_lists(lists)),
+        Column("bits", "Gbit", 1e9, lambda run: BITS_PER_BYTE * moved_bytes(run)),
+        *carbon_columns(energy),
+    ]

@@ -1,0 +1,65 @@
+"""Figures that an audit worked out by hand, from the committed rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import fmean
+
+import pytest
+
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.breakeven import Savings, returns_to_pay, tasks_to_pay
+from jouleswarm.energy.curves import curve
+from jouleswarm.energy.facts import Counts, Facts, Phase
+from jouleswarm.energy.literal import literal, price
+from jouleswarm.studies.facts import META_STAGE, Fact, read_facts
+
+RESULTS = Path(__file__).parents[2] / "results"
+SEEN = (1, 2, 6)
+
+
+@pytest.fixture(scope="module")
+def compact() -> list[Fact]:
+    return read_facts(RESULTS / "compact" / "facts.csv")
+
+
+def _savings(facts: list[Fact], energy: Energy, t0: int = 90) -> Savings:
+    def mean(t0: int, seen: bool) -> float:
+        mine = [fact for fact in facts if fact.t0 == t0 and fact.task != META_STAGE and (fact.task in SEEN) == seen]
+        return fmean(price(fact.counts, energy).total_j for fact in mine)
+
+    stage = [price(fact.counts, energy) for fact in facts if (fact.t0, fact.task) == (t0, META_STAGE)]
+    down = fmean(cost.downlink_j for cost in stage) / 6
+    saved = [mean(0, seen) - mean(t0, seen) - down for seen in (True, False)]
+    return Savings(fmean(cost.total_j - cost.downlink_j for cost in stage), *saved, len(SEEN))
+
+
+@pytest.mark.parametrize(("ul", "sl", "tasks"), [(200e3, 500e3, 1188.8), (500e3, 200e3, 471.1), (1e15, 1e15, 357.1)])
+def test_break_even_counts_seen_tasks_once(compact: list[Fact], ul: float, sl: float, tasks: float) -> None:
+    energy = Energy(ul_bit_per_j=ul, sl_bit_per_j=sl)
+    assert tasks_to_pay(_savings(compact, energy)) == pytest.approx(tasks, rel=1e-4)
+
+
+def test_returns_of_a_seen_task(compact: list[Fact]) -> None:
+    savings = _savings(compact, Energy())
+    assert savings.seen_j == pytest.approx(1462, rel=1e-4)
+    assert returns_to_pay(savings) == pytest.approx(254, rel=2e-3)
+
+
+def test_what_had_been_learned_after_so_many_rounds(compact: list[Fact]) -> None:
+    mine = {fact.task: fact for fact in compact if (fact.arm, fact.seed) == ("fl", 1)}
+    parts: dict[tuple[Phase, int], Counts] = {("fl", task): fact.counts for task, fact in mine.items()}
+    facts = Facts("fl", "fl", 0, parts, {task: fact.rounds for task, fact in mine.items()})
+    learned = {task: fact.learned for task, fact in mine.items()}
+    points = list(curve(facts, learned, lambda here: literal.price(here, Energy()).total_j))
+    assert points[1].spent / 6 == pytest.approx(100.866, rel=1e-5)  # a cluster's round
+    assert points[-1].spent == pytest.approx(8170.1, rel=1e-5)  # 81 of them
+    assert [len(points[round_].learned) for round_ in (7, 8, 12, 18, 19)] == [0, 1, 3, 5, 6]
+
+
+def test_shares_of_the_bill_with_transfer() -> None:
+    facts = read_facts(RESULTS / "compact-regimes" / "facts.csv")
+    mine = [fact.counts for fact in facts if (fact.variant, fact.arm, fact.seed) == ("base", "multitask", 1)]
+    cost = price(sum(mine, Counts()), Energy())
+    shares = [round(100 * joules / cost.total_j, 2) for joules in list(cost.by_cause.values())[:5]]
+    assert shares == [28.34, 0.72, 70.70, 0.08, 0.17]  # computing there, computing on robots, up, down, sidelinks
