@@ -57,7 +57,8 @@ def _works(arm: Arm, here: Neighbourhood, meter: Meter, rounds: int, shares: dic
         if row.arm == _booked_under(arm, row.phase):
             phase, share = _PHASES[row.phase], shares[_PHASES[row.phase]]
             done = rounds if phase == "fl" else 0
-            yield Work(phase, here.task, here.agent, share * row.gradients, 0.0, 0.0, done, share * row.motions)
+            did = [share * each for each in (row.gradients, row.motions, row.evaluation_motions)]
+            yield Work(phase, here.task, here.agent, did[0], 0.0, 0.0, done, *did[1:])
 
 
 def _booked_under(arm: Arm, phase: str) -> str:

@@ -44,6 +44,14 @@ class Motion(NamedTuple):
     first: bool
 
 
+class Trial(NamedTuple):
+    """How a greedy episode went, as the environment judges."""
+
+    reward: float
+    measures: dict[str, float]
+    motions: int
+
+
 class Explorer:
     """Robot `agent` in its environment."""
 
@@ -114,19 +122,30 @@ class Explorer:
                 self._frame = None
         return motions
 
-    def evaluate(self, policy: Policy) -> tuple[float, dict[str, float]]:
-        """One greedy episode: what its discounted return counts, and measures of it, as the environment judges."""
-        discount, can_go_on = self._scenario.learning.discount, self._evaluation.can_go_on
-        seed = None if can_go_on else self._seed("evaluation", self._rounds)
-        noise = self._evaluation.noise() if can_go_on else None
+    def evaluate(self, policy: Policy) -> Trial:
+        """One greedy episode."""
+        return self._evaluate(policy, None if self._evaluation.can_go_on else self._seed("evaluation", self._rounds))
+
+    def evaluate_at_start(self, policy: Policy, episodes: int) -> list[Trial]:
+        """Greedy episodes before the first round, after `begin`; what later ones draw does not depend on them."""
+        if not self._evaluation.can_go_on:
+            return [self._evaluate(policy, self._seed("start", each)) for each in range(episodes)]
+        noise = self._evaluation.noise()
+        self._evaluation.reset(seed=self._seed("start", 0))
+        trials = [self._evaluate(policy, None) for _ in range(episodes)]
+        self._evaluation.load_noise(noise)
+        return trials
+
+    def _evaluate(self, policy: Policy, seed: int | None) -> Trial:
+        discount, noise = self._scenario.learning.discount, self._evaluation.noise() if seed is None else None
         self.evaluation = Evaluation(discount=discount, noise=noise, seed=seed)
-        observation, total, factor, ended = self._evaluation.reset(seed=seed), 0.0, 1.0, False
+        observation, total, factor, ended, motions = self._evaluation.reset(seed=seed), 0.0, 1.0, False, 0
         while not ended:
             step = self._evaluation.step(int(policy.q_values(self._small(observation)).argmax()))
-            total += factor * step.reward
-            factor *= discount
+            self.tally.evaluation_motion()
+            total, factor, motions = total + factor * step.reward, factor * discount, motions + 1
             observation, ended = step.observation, step.ended
-        return self._evaluation.judge(total)
+        return Trial(*self._evaluation.judge(total), motions)
 
     def motions(self, round_: int) -> Iterator[bytes]:
         """One meta-learning round's experience, a payload a motion, epsilon-greedy on the environment's guide.
@@ -220,8 +239,8 @@ class Explorer:
             self._env.reset(seed=self._seed("environment", self._rounds))
             self._frame, self._shown, self._is_under_way = None, None, False
 
-    def _seed(self, purpose: str, round_: int) -> int:
-        return integer(self._scenario.seed, self._arm, purpose, self._agent, round_)
+    def _seed(self, purpose: str, number: int) -> int:
+        return integer(self._scenario.seed, self._arm, purpose, self._agent, number)
 
     def _small(self, observation: Array) -> Array:
         return shrink(observation, self._kept)

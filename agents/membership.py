@@ -49,6 +49,7 @@ class Membership:
         self._bus, self.run, self.here, self.qos = bus, run, here, settings.qos
         self._absence = Absence(federation)
         self._stages: dict[int, int] = dict.fromkeys(here.neighbours, 0)
+        self._hops, self._at_start = here.diameter, dict[int, Presence]()  # the newest that told rewards
         self._datacenter_stage = 0
         self.arm = ""
         self._subscriptions: list[str] = []
@@ -129,9 +130,41 @@ class Membership:
 
         self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
 
+    @property
+    def at_start(self) -> dict[int, float]:
+        """Robot -> its reward of round 0 of the open arm, as far as known; told with the presence."""
+        return self._identity.rewards
+
+    def announce_again(self) -> None:
+        """Tell where this robot stands, with all that it knows of round 0 by now."""
+        if len(self.here.cluster) > 1:
+            self.announce(self._stage)
+
+    def await_start(self) -> None:
+        """Wait until `at_start` has the whole cluster, or all who are waited for.
+
+        It is told with the presence, which stays on the broker: who is late or comes back finds it there. Where not
+        everybody hears everybody a robot passes on what it hears.
+        """
+        known, cluster = self.at_start, self.here.cluster
+        self.announce_again()
+        self._absence.begin()
+
+        def missing() -> list[int]:
+            told = [each for each in self._at_start.values() if (each.stage - 1) // 2 == (self._stage - 1) // 2]
+            news = {agent: reward for each in told for agent, reward in each.rewards.items()}
+            if news := {agent: reward for agent, reward in news.items() if agent in {*cluster}.difference(known)}:
+                known.update(news)
+                if self._hops > 1:
+                    self.announce_again()
+            return self._absence.waited_for([each for each in cluster if each not in known])
+
+        self.until(lambda: not missing(), lambda: f"round 0 of robots {missing()}", whom=lambda: names(missing()))
+
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""
-        self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
+        with self._bus.meter.energy.during("communication"):
+            self._bus.publish(topic, payload, qos=self.qos if qos is None else qos)
 
     def see_off(self, done: int) -> None:
         """Where no recorder keeps in mind who is done, wait until the neighbours know that nobody needs them either.
@@ -178,6 +211,8 @@ class Membership:
         elif presence.agent in self._stages:
             self._others.heard(presence)
             self._stages[presence.agent] = max(self._stages[presence.agent], presence.stage)
+            if presence.rewards:
+                self._at_start[presence.agent] = presence
             self._absence.here(presence.agent)
 
     @property

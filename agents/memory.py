@@ -107,9 +107,9 @@ class Memory:
     def restore(self, arm: str, kept: Mapping[str, Stateful]) -> int:
         """Bring `kept` to where `save` left it; the round, 0 if none had been done."""
         found = self._state if self._is_in(arm) else self._end(arm)
-        round_ = 0 if found is None else found.part("place").values["round"]
-        if found is None or not round_:
+        if found is None or not kept.keys() <= found.values.keys():  # the arm was begun, and no more
             return 0
+        round_ = found.part("place").values["round"]
         for name, each in kept.items():
             each.load_state(found.part(name))
         return int(round_)
@@ -133,8 +133,7 @@ class Memory:
 
     def is_over(self, end: RoundRow) -> bool:
         """Whether an arm that ended with this row would end there by the scenario as it is now."""
-        reward = end.cluster_reward
-        return end.round >= self._limits.max_rounds or (reward is not None and reward >= self._limits.target_reward)
+        return end.is_over(self._limits.max_rounds, self._limits.target_reward)
 
     def begin_again(self, arms: Iterable[str]) -> bool:
         """Whether a robot that was done is not, for one of its arms has more rounds now."""

@@ -80,6 +80,7 @@ class Exchange(Membership):
         run = self.run
         self.here, self._end_stage, self._ahead, self.may_have_missed = here, end_stage, {}, True
         self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
+        self._identity.rewards = {}
         self.encoder = WeightsEncoder(self.codec)
         self._decoders = {each: self.decoder() for each in here.neighbours}
         self._word_topic = says(run, arm.name, here.task, here.agent)
@@ -172,12 +173,14 @@ class Exchange(Membership):
         """The open arm's, at the end of a round: what neighbours may still ask for, and what the codec builds on."""
         said = {str(round_): np.frombuffer(payload, np.uint8) for round_, payload in self._sent.items()}
         decoders = {f"decoder-{agent}": decoder.state() for agent, decoder in self._decoders.items()}
-        return State.of({"said": State(said), "encoder": self.encoder.state(), **decoders})
+        start = State(values={str(agent): reward for agent, reward in self._identity.rewards.items()})
+        return State.of({"said": State(said), "encoder": self.encoder.state(), "start": start, **decoders})
 
     def load_state(self, state: State) -> None:
         """Take up what `state` returned, after `open_arm`."""
         self._sent = {int(round_): payload.tobytes() for round_, payload in state.part("said").arrays.items()}
         self._gathered, self._is_back = max(self._sent, default=0), True
+        self._identity.rewards = {int(agent): reward for agent, reward in state.part("start").values.items()}
         self.encoder.load_state(state.part("encoder"))
         for agent, decoder in self._decoders.items():
             decoder.load_state(state.part(f"decoder-{agent}"))

@@ -1,8 +1,8 @@
 """The robot process, to be read from top to bottom.
 
 For each arm: take part in the stage that the data center trains before (once a method), then learn the task with the
-method's partners: make transitions and learn -> evaluate -> meet the others -> decide -> go on -> remember, round by
-round.
+method's partners: try the model that they start from, then make transitions and learn -> evaluate -> meet the others ->
+decide -> go on -> remember, round by round.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from typing import Any
 
 from jouleswarm.agents.battery import is_empty
 from jouleswarm.agents.explorer import Explorer
 from jouleswarm.agents.memory import Memory
 from jouleswarm.agents.meta_stage import MetaLink
 from jouleswarm.agents.peers import Exchange
-from jouleswarm.agents.ways import Here, way_of
+from jouleswarm.agents.start import begin
+from jouleswarm.agents.ways import Here, Way, way_of
 from jouleswarm.codecs.codec import codec_of
 from jouleswarm.common.bus.bus import Bus
 from jouleswarm.common.disk.state import NOTHING, Keep, Stateful
@@ -47,6 +49,7 @@ def run_agent(scenario: Scenario, agent: int, run: str, bus: Bus, keep: Keep = N
             is waited for does not come.
         TrainingError: a loss is not finite, or what a method returns is no model.
     """
+    bus.meter.measure(scenario.measure)
     robot = Robot(scenario, agent, run, bus, keep)
     exchange, memory = robot.exchange, robot.memory
     exchange.claim()
@@ -121,24 +124,28 @@ class Robot:
         """Send experience up while the data center asks for it; return the model that `arm` starts from."""
         method, t0 = arm.method, self.scenario.meta.t0
         sent = self._sent.setdefault(method, set())
+        self._meter.energy.enter(RowPhase.ML, method)
         self.explorer.tally = self._meter.tally(RowPhase.ML, method, self.task)
         if self.agent in self.scenario.training_agents.get(self.task, ()):
             while rounds := self.meta.await_rounds_due(method, sent, t0):
                 for round_ in rounds:
                     begun = time.monotonic()
-                    for payload in self.explorer.motions(round_):
-                        self.meta.publish_motion(method, payload)
+                    with self._meter.energy.during("learning"):
+                        for payload in self.explorer.motions(round_):
+                            self.meta.publish_motion(method, payload)
                     sent.add(round_)
-                    self.exchange.report(self._row(RowPhase.ML, method, round_, begun))
+                    motions = {"motions": self.scenario.motions(self.agent), "evaluation_motions": 0}
+                    self.exchange.report(self._row(RowPhase.ML, method, round_, begun, motions))
         return start_of(self.meta.await_model(arm, t0), self.task)
 
     def learn(self, arm: Arm, method: Method, weights: Weights, end: RoundRow | None = None) -> None:
-        """Learn the task by a method, until the cluster's R reaches the target.
+        """Learn the task by a method, until the cluster's R reaches the target, be it before the first round.
 
         `end`: the row that was the last one when there were fewer rounds.
         """
         scenario, settings, exchange = self.scenario, self.scenario.federation, self.exchange
-        neighbourhood = exchange.here
+        neighbourhood, energy = exchange.here, self._meter.energy
+        energy.enter(RowPhase.FL, arm.name, "start")
         tally = self.explorer.tally = self._meter.tally(RowPhase.FL, arm.name, self.task)
         may_miss = settings.on_missing == "proceed"
         ledger = RewardLedger(neighbourhood.cluster, neighbourhood.diameter, settings.reward_window, may_miss=may_miss)
@@ -146,52 +153,71 @@ class Robot:
         way = way_of(here, weights, self.memory.frames(arm.name), tally)
         self.explorer.begin(arm.name, neighbourhood.cluster)
         kept: dict[str, Stateful] = {**way.kept, "explorer": self.explorer, "ledger": ledger, "exchange": exchange}
-        round_ = self.memory.restore(arm.name, kept)
-        if end is not None:  # told anew, for it is not the last one any more; all go on together
-            exchange.report(end.model_copy(update={"learned": None}))
-            exchange.may_have_missed = False
+        round_, begun = self.memory.restore(arm.name, kept), time.monotonic()
+        exchange.may_have_missed = end is None  # else all go on together
+        energy.enter(RowPhase.FL, arm.name)
+        if round_:
+            exchange.announce_again()
+            if end is not None:  # told anew, for it is not the last one any more
+                exchange.report(end.model_copy(update={"learned": None}))
+            row = self._rounds(here, way, kept, round_)
+            model = way.learned(row.round)
+        else:
+            told, model = begin(here, way, lambda: self.memory.save(arm.name, 0, kept))
+            row = self._row("fl", arm.name, 0, begun, told)
+            exchange.report(row)
+            if not row.learned:
+                row = self._rounds(here, way, kept, 0)
+                model = way.learned(row.round)
+        if self.agent == min({*scenario.cluster(self.task)}.difference(exchange.missed)):
+            self._hand_in(*model)
+        self.memory.save_end(row, kept)
+        self.memory.save(arm.name, row.round, {"exchange": exchange}, ended=True)
+
+    def _rounds(self, here: Here, way: Way, kept: dict[str, Stateful], round_: int) -> RoundRow:
+        """The rounds after `round_`; the last one's row."""
+        settings, exchange, ledger, arm = self.scenario.federation, self.exchange, here.ledger, here.arm.name
         while True:
             round_ += 1
             begun = time.monotonic()
-            gradients = way.learn(round_)
-            reward, measures = self.explorer.evaluate(way.policy)
-            ledger.record(self.agent, round_, reward)
+            with self._meter.energy.during("learning"):
+                gradients = way.learn(round_)
+                trial = self.explorer.evaluate(way.policy)
+            ledger.record(self.agent, round_, trial.reward)
             way.meet(round_)
             cluster_reward = ledger.cluster_reward(round_)
-            learned = cluster_reward is not None and cluster_reward >= settings.target_reward
-            empty = not learned and is_empty(scenario, arm, neighbourhood, self._meter, round_)
+            reached = cluster_reward is not None and cluster_reward >= settings.target_reward
+            learned = reached and (settings.window == "partial" or ledger.is_full(round_))
+            empty = not learned and is_empty(self.scenario, here.arm, exchange.here, self._meter, round_)
             last = learned or empty or round_ >= settings.max_rounds
             if not last or self.memory.keeps_ends:
                 way.go_on()
-            row = self._row("fl", arm.name, round_, begun).model_copy(
-                update={
-                    "reward": reward,
-                    "cluster_reward": cluster_reward,
-                    **measured(measures),
-                    "gradients": gradients,
-                    "learned": learned if last else None,
-                    "missed": exchange.missed,
-                }
-            )
+            told = {
+                "reward": trial.reward,
+                "cluster_reward": cluster_reward,
+                **measured(trial.measures),
+                "gradients": gradients,
+                "motions": self.scenario.motions(self.agent),
+                "evaluation_motions": trial.motions,
+                "learned": learned if last else None,
+                "missed": exchange.missed,
+            }
+            row = self._row("fl", arm, round_, begun, told)
             exchange.report(row)
             if empty:
-                log.warning("robot %d: battery empty after round %d of %s", self.agent, round_, arm.name)
+                log.warning("robot %d: battery empty after round %d of %s", self.agent, round_, arm)
             if last:
-                break
+                return row
             if exchange.ahead:
                 round_ = min(exchange.ahead, settings.max_rounds - 1)
                 way.policy.set_weights(exchange.catch_up())
-            self.memory.save(arm.name, round_, kept)
-        if self.agent == min({*scenario.cluster(self.task)}.difference(exchange.missed)):
-            self._hand_in(*way.learned(round_))
-        self.memory.save_end(row, kept)
-        self.memory.save(arm.name, round_, {"exchange": exchange}, ended=True)
+            self.memory.save(arm, round_, kept)
 
     def _hand_in(self, weights: Weights, header: ModelHeader) -> None:
         use, evaluation = use_of(self.scenario), self.explorer.evaluation
         self.exchange.hand_in(encode_saved_model(weights, header, use, evaluation))
 
-    def _row(self, phase: str, arm: str, round_: int, begun: float) -> RoundRow:
+    def _row(self, phase: str, arm: str, round_: int, begun: float, told: dict[str, Any]) -> RoundRow:
         return RoundRow.model_validate(
             {
                 "phase": phase,
@@ -201,6 +227,7 @@ class Robot:
                 "round": round_,
                 "refused": self.exchange.refused,
                 "seconds": round(time.monotonic() - begun, 4),
+                **told,
             }
         )
 

@@ -19,6 +19,7 @@ from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.disk.state import NOTHING, Keep, State
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.host import arithmetic
+from jouleswarm.common.meter.joules import Activity
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
@@ -31,7 +32,7 @@ from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
 from jouleswarm.datacenter.experience import Motion, TrainingExperience
 from jouleswarm.datacenter.services import service_of
-from jouleswarm.learning.device import accelerator
+from jouleswarm.learning.device import accelerator, accelerator_uuid
 from jouleswarm.learning.heads import head_of, meta_shapes
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
 from jouleswarm.methods.contract import unfit
@@ -49,6 +50,7 @@ def run_datacenter(scenario: Scenario, run: str, bus: Bus, keep: Keep = NOTHING)
         RunError: the folder holds another scenario's state, or lacks what the robots are further with.
         TrainingError: a gradient is not finite.
     """
+    bus.meter.measure(scenario.measure, accelerator_uuid())
     center, state = DataCenter(scenario, run, bus, keep.folder), keep.folder
     center.identity.claim()
     agreement = Agreement(center.listener, scenario, run)
@@ -100,7 +102,8 @@ class DataCenter:
 
     def train(self, method: str, checkpoint: Checkpoint) -> None:
         """Collect experience and train for t0 rounds, send models down, stay until all robots have them."""
-        scenario, settings = self.scenario, self.scenario.meta
+        scenario, settings, energy = self.scenario, self.scenario.meta, self.bus.meter.energy
+        energy.enter(RowPhase.ML, method, "start")
         arms = {arm.t0: arm for arm in scenario.arms if arm.method == method}
         make = scenario.method(method)
         stage, experience = make.stage(scenario), TrainingExperience(scenario, checkpoint.folder)
@@ -110,6 +113,7 @@ class DataCenter:
         done, models = checkpoint.restore(training), checkpoint.models()
         collector.join(done)
         beta = stage.beta() if scenario.energy.beta == "measured" else None
+        energy.enter(RowPhase.ML, method)
         for round_ in range(done + 1, settings.t0 + 1):
             # One round ahead: robots move while the data center learns.
             collector.announce_wanted(round_, min(round_ + 1, settings.t0))
@@ -117,7 +121,8 @@ class DataCenter:
             begun = time.monotonic()
             for each in (each for robots in motions.values() for each in robots):
                 experience.remember(each)
-            gradients = stage.learn(round_, experience.replays)
+            with energy.during("learning"):
+                gradients = stage.learn(round_, experience.replays)
             if round_ in {*settings.snapshots, *arms}:
                 weights, header = self._model_of(make, stage), ModelHeader(task=0, agent=0, round=round_)
                 saved = encode_saved_model(weights, header, use_of(scenario), heads=make.heads(scenario))
@@ -150,7 +155,9 @@ class DataCenter:
 
     def serve(self, arm: Arm, checkpoint: Checkpoint) -> None:
         """Serve all clusters, whichever round of whichever is complete first, until every robot is done."""
-        scenario = self.scenario
+        scenario, energy = self.scenario, self.bus.meter.energy
+        activity: Activity = "learning" if scenario.method(arm.method).sends == "experience" else "communication"
+        energy.enter(RowPhase.FL, arm.name, "start")
         service = service_of(scenario, arm, checkpoint.folder, partial(self.bus.meter.tally, RowPhase.FL, arm.name))
         opened = 2 * scenario.arms.index(arm) + 1
         desk = ClusterDesk(self.listener, scenario, self.run, arm.name, service, done=opened + 1)
@@ -161,9 +168,11 @@ class DataCenter:
         desk.listen()
         # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
         self.identity.announce(opened)
+        energy.enter(RowPhase.FL, arm.name)
         while (turn := desk.next_round()) is not None:
             begun = time.monotonic()
-            payload, gradients = service.model(turn)
+            with energy.during(activity):
+                payload, gradients = service.model(turn)
             desk.answer(turn, payload)
             if gradients:
                 row = RoundRow(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -112,7 +113,7 @@ class MemoryBus:
 
     def __init__(self, client: str, hub: MemoryHub) -> None:
         self.client = client
-        self.meter = Meter("client")
+        self.meter = Meter("client", cpu_ns=time.thread_time_ns)
         self.connections = 1
         self._hub = hub
         self._filters: dict[str, int] = {}

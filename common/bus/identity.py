@@ -37,6 +37,8 @@ class Identity:
         self._holds = self._echoed = self._contested = self._somebody = False
         self.stage: int | None = None
         """Announced last; None before."""
+        self.rewards: dict[int, float] = {}
+        """Robot -> what it was rewarded before the first round of the open arm; told with the stage."""
         self.filters = [self.presence, self._topic]
 
     def claim(self) -> None:
@@ -71,7 +73,7 @@ class Identity:
     def announce(self, stage: int) -> None:
         """Tell everybody how far this process has come."""
         self.stage = stage
-        presence = Presence(agent=self._agent, stage=stage, processor=self._processor)
+        presence = Presence(agent=self._agent, stage=stage, processor=self._processor, rewards=self.rewards)
         self._bus.publish(self.presence, encode_json(presence), retain=True)
 
     def heard(self, presence: Presence) -> None:

@@ -30,11 +30,14 @@ class Listener:
 
     def take_next(self, timeout_s: float) -> bool:
         """Take one message; False if none comes within `timeout_s`."""
-        message = self.bus.receive(timeout_s)
+        energy = self.bus.meter.energy
+        with energy.during("idle"):
+            message = self.bus.receive(timeout_s)
         if message is None:
             return False
         try:
-            self.handlers.get(message.topic.rsplit("/", 1)[-1], self.otherwise)(message)
+            with energy.during("communication"):
+                self.handlers.get(message.topic.rsplit("/", 1)[-1], self.otherwise)(message)
         except PayloadError as error:
             self.refused += 1
             log.warning("refused a message on %s: %s", message.topic, error)

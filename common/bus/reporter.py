@@ -22,6 +22,7 @@ from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.disk.lines import whole_lines
+from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire import topics
@@ -64,6 +65,7 @@ class MeterReport(BaseModel):
     rows: list[MeterRow]
     rounds: list[RoundRow]
     work: list[WorkRow] = Field(default_factory=list)
+    joules: list[JoulesRow] = Field(default_factory=list)
 
     @property
     def part(self) -> str:
@@ -170,7 +172,7 @@ class Reporter:
     def _pieces(self) -> Iterator[MeterReport]:
         """The report: counters and work first, then the rows as they are read."""
         client, meter, token = self._bus.client, self._bus.meter, secrets.token_hex(8)
-        pieces = _cut(chain(meter.rows(), meter.work(client), _once(self._told)))
+        pieces = _cut(chain(meter.rows(), meter.work(client), meter.joules(client), _once(self._told)))
         for number, (held, after) in enumerate(pairwise(chain(pieces, (None,))), start=1):
             rows = {name: [row for row in held or () if isinstance(row, kind)] for name, kind in _KINDS.items()}
             yield MeterReport.model_validate(
@@ -203,8 +205,8 @@ class Reporter:
             self._acknowledged.clear()  # one that comes may be another
 
 
-Row = MeterRow | WorkRow | RoundRow
-_KINDS: dict[str, type[Row]] = {"rows": MeterRow, "work": WorkRow, "rounds": RoundRow}
+Row = MeterRow | WorkRow | JoulesRow | RoundRow
+_KINDS: dict[str, type[Row]] = {"rows": MeterRow, "work": WorkRow, "joules": JoulesRow, "rounds": RoundRow}
 
 
 def _cut(rows: Iterable[Row]) -> Iterator[list[Row]]:

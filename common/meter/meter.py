@@ -5,21 +5,28 @@ MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length
 
 from __future__ import annotations
 
+import logging
 import threading
+import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, Self, cast
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from jouleswarm.common.meter.counters import Counters, Key, read_counters
-from jouleswarm.common.meter.work import WORK, Phase, Tally, WorkRow, work_key, work_rows
+from jouleswarm.common.meter.counters import Cell, Counters, Key, read_counters
+from jouleswarm.common.meter.joules import JOULES, Clock, JouleMeter, JoulesRow, joules_rows
+from jouleswarm.common.meter.power import gpu, processor, told
+from jouleswarm.common.meter.work import EVALUATION, WORK, Phase, Tally, WorkRow, work_keys, work_rows
+from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
 
 Direction = Literal["in", "out", "acked", "repeated"]
 """in, out: whole PUBLISH packets as the side sees them. acked, of the broker: those of out whose receipt the client
 has acknowledged. repeated, of a client: those of in that it had already, sent again because of a fault."""
 Side = Literal["broker", "client"]
+
+log = logging.getLogger("jouleswarm.meter")
 
 
 class MeterRow(BaseModel):
@@ -63,8 +70,12 @@ class Meter:
     With a folder a process that was killed goes on counting from where it was (see `common.meter.counters`).
     """
 
-    def __init__(self, side: Side, folder: Path | None = None) -> None:
+    def __init__(self, side: Side, folder: Path | None = None, cpu_ns: Clock = time.process_time_ns) -> None:
+        """`cpu_ns`: the clock of whose CPU time is this client's."""
         self._side: Side = side
+        self._cpu_ns = cpu_ns
+        self.energy = JouleMeter()
+        """Told what the process does."""
         self._counters = Counters(folder)
         self._lock = threading.Lock()
 
@@ -92,12 +103,29 @@ class Meter:
     def tally(self, phase: Phase, arm: str, task: int) -> Tally:
         """Where the process books what it computes and moves there; kept as the bytes are."""
         with self._lock:
-            return Tally(self._counters.cell(work_key(phase, arm, task)))
+            return Tally(*map(self._counters.cell, work_keys(phase, arm, task)))
 
     def work(self, client: str) -> list[WorkRow]:
         """What `client`, whose meter this is, has done."""
         with self._lock:
             return work_rows(client, self._counters.items())
+
+    def measure(self, settings: Measure, gpu_uuid: str | None = None) -> None:
+        """From here on measure the joules of the calling process too, if that is wanted; and of its GPU."""
+        if settings.energy:
+            clocks = time.monotonic_ns, self._cpu_ns
+            self.energy = JouleMeter(self._cell, processor(settings), gpu(gpu_uuid), clocks)
+            log.info("%s", told(settings))
+
+    def joules(self, client: str) -> list[JoulesRow]:
+        """What `client`, whose meter this is, has measured."""
+        self.energy.settle()
+        with self._lock:
+            return joules_rows(client, self._counters.items())
+
+    def _cell(self, key: Key) -> Cell:
+        with self._lock:
+            return self._counters.cell(key)
 
     def flush(self) -> None:
         """Have the counts on the disk, if there is a folder."""
@@ -109,7 +137,7 @@ def rows_of(side: Side, items: Iterable[tuple[Key, Sequence[int]]]) -> list[Mete
     return [
         MeterRow.of(side, client, topic, cast(Direction, direction), counts)
         for (client, topic, direction), counts in items
-        if counts[0] and direction != WORK
+        if counts[0] and direction not in (WORK, EVALUATION, JOULES)
     ]
 
 
@@ -121,6 +149,11 @@ def read_rows(side: Side, folder: Path) -> list[MeterRow]:
 def read_work(client: str, folder: Path) -> list[WorkRow]:
     """What a process that may have been killed has done."""
     return work_rows(client, sorted(read_counters(folder).items()))
+
+
+def read_joules(client: str, folder: Path) -> list[JoulesRow]:
+    """What a process that may have been killed has measured."""
+    return joules_rows(client, sorted(read_counters(folder).items()))
 
 
 def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from jouleswarm.common.meter.counters import Cell, Key
 
-WORK = "work"
-"""In place of a direction: a cell of batch gradients and motions, not of bytes."""
+WORK, EVALUATION = "work", "evaluation"
+"""In place of a direction: cells of batch gradients and motions, and of greedy episodes' motions, not of bytes."""
 
 Phase = Literal["maml", "fl"]
 
@@ -30,14 +30,16 @@ class WorkRow(BaseModel):
     gradients_query: int = Field(ge=0)
     """Of the data center, on B^(b)."""
     motions: int = Field(ge=0)
-    """Of robots, to learn from; greedy episodes are none."""
+    """Of robots, to learn from."""
+    evaluation_motions: int = Field(0, ge=0)
+    """Of robots, in greedy episodes."""
 
 
 class Tally:
     """Counts what is done at one place, the moment it is done; without a cell for nobody."""
 
-    def __init__(self, cell: Cell | None = None) -> None:
-        self._cell = Cell() if cell is None else cell
+    def __init__(self, cell: Cell | None = None, evaluation: Cell | None = None) -> None:
+        self._cell, self._evaluation = cell or Cell(), evaluation or Cell()
 
     def gradients(self, plain: int = 1, query: int = 0) -> None:
         """Batch gradients have been computed."""
@@ -47,6 +49,12 @@ class Tally:
         """A motion has been made."""
         self._cell.add(0, 1, messages=0)
 
+    def evaluation_motion(self) -> None:
+        """One of a greedy episode."""
+        self._evaluation.add(0, 1, messages=0)
+
+
+_NOTHING = {"gradients": 0, "gradients_query": 0, "motions": 0}
 
 TallyOf = Callable[[int], Tally]
 """The tally of a task."""
@@ -57,17 +65,23 @@ def nobody(task: int) -> Tally:
     return Tally()
 
 
-def work_key(phase: Phase, arm: str, task: int) -> Key:
-    """Where a process's counters hold what it has done there."""
-    return "", f"{phase}/{arm}/{task}", WORK
+def work_keys(phase: Phase, arm: str, task: int) -> tuple[Key, Key]:
+    """Where a process's counters hold what it has done there, and what it took to evaluate."""
+    place = f"{phase}/{arm}/{task}"
+    return ("", place, WORK), ("", place, EVALUATION)
 
 
 def work_rows(client: str, items: Iterable[tuple[Key, Sequence[int]]]) -> list[WorkRow]:
     """What counted cells tell of the work of `client`."""
-    rows = []
+    held: dict[str, dict[str, int]] = {}
     for (_, place, what), (plain, query, motions) in items:
         if what == WORK and (plain or query or motions):
-            phase, arm, task = place.split("/")
-            row = {"phase": phase, "arm": arm, "task": task, "gradients": plain}
-            rows.append(WorkRow.model_validate({"client": client, **row, "gradients_query": query, "motions": motions}))
+            done = {"gradients": plain, "gradients_query": query, "motions": motions}
+            held.setdefault(place, dict(_NOTHING)).update(done)
+        elif what == EVALUATION and motions:
+            held.setdefault(place, dict(_NOTHING))["evaluation_motions"] = motions
+    rows = []
+    for place, done in held.items():
+        phase, arm, task = place.split("/")
+        rows.append(WorkRow.model_validate({"client": client, "phase": phase, "arm": arm, "task": task, **done}))
     return rows

@@ -16,6 +16,7 @@ from jouleswarm.common.scenario.edges import Edges, read_edges
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.hours import read_hours
 from jouleswarm.common.scenario.links import read_links
+from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.scenario.sections import Bus
 
 
@@ -28,6 +29,7 @@ class Furnished(Crew):
     )
     energy: Energy = Energy()
     bus: Bus = Bus()
+    measure: Measure = Measure()
     _prices_folder: Path | None = PrivateAttr(None)
 
     @property

@@ -84,6 +84,27 @@ def scenario_path(path: str | Path) -> Path:
     return SCENARIOS / f"{path.name}.toml"
 
 
+def energy_file(path: Path | None) -> list[Override]:
+    """The constants of a TOML file's table [energy], as overrides of a scenario; of no file none.
+
+    Raises:
+        ConfigurationError: it cannot be read, or has something else than that table; the values are not looked at.
+    """
+    if path is None:
+        return []
+    try:
+        held = parse_toml(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(f"energy file {path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise ConfigurationError(f"energy file {path}: not valid TOML: {error}") from error
+    if set(held) != {"energy"} or not isinstance(held["energy"], dict):
+        raise ConfigurationError(
+            f"energy file {path}: has {_short(list(held))}, expected a table [energy] and nothing else"
+        )
+    return [(f"energy.{key}", value) for key, value in held["energy"].items()]
+
+
 def with_prices(
     scenario: Scenario, overrides: Iterable[Override], where: str, prices_folder: Path | None = None
 ) -> Scenario:

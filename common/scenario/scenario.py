@@ -19,6 +19,7 @@ CHANGES_NOTHING: dict[str, Any] = {
     "energy": True,
     "bus": True,
     "robots": {"__all__": {*OwnConstants.model_fields, "kind", "position_m"}},
+    "measure": True,
     "federation": {"give_up_after_s", "max_rounds", "target_reward"},
 }
 """Settings that may be others when a process goes on from its state: what is learned does not depend on them, but for

@@ -151,6 +151,11 @@ class Federation(Section):
     max_rounds: Rounds = Field(200, description="an arm that has not learned a task by then ends")
     target_reward: float = Field(50.0, ge=-1e9, le=1e9, description="R at which a task is learned")
     reward_window: int = Field(5, ge=1, le=1_000_000, description="R is the mean over this many rounds")
+    window: Literal["full", "partial"] = Field(
+        "full",
+        description="full: a task is learned in round 0, by as many episodes of the model that it starts from, or not "
+        "before R's window is full; partial: in earlier rounds too, by a mean over those that there are",
+    )
 
     @field_validator("topology")
     @classmethod

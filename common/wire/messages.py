@@ -62,8 +62,9 @@ class ModelHeader(Header):
     def _rewards_are_past(self) -> Self:
         # One from the future would stay the newest for ever, and be passed on.
         for agent, (round_, _) in self.rewards.items():
-            if not 1 <= round_ <= self.round:
-                raise ValueError(f"rewards of robot {agent} are of round {round_}, expected 1 to {self.round}")
+            first = min(1, self.round)
+            if not first <= round_ <= self.round:
+                raise ValueError(f"rewards of robot {agent} are of round {round_}, expected {first} to {self.round}")
         return self
 
 
@@ -94,6 +95,9 @@ class Presence(Header):
     stage: Count = 0
     state: Literal["here", "gone", "done"] = Field("here", description="gone: the last will of a process that died")
     processor: str | None = Field(None, max_length=MAX_PROCESSOR, description="what it computes on: see common/host.py")
+    rewards: dict[int, Reward] = Field(
+        default_factory=dict, description="of round 0 of the arm that `stage` is of, as far as known (agents/start.py)"
+    )
 
 
 class RoundRequest(Header):

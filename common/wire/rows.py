@@ -19,13 +19,15 @@ class RoundRow(BaseModel):
     task: int
     agent: int
     round: int
+    """0: before all learning, with the means over as many episodes as R's window has."""
     reward: float | None = None
     """Discounted return of the robot's greedy episode from the entry."""
     cluster_reward: float | None = None
     """R, which decides whether the task is learned: see methods/ledger.py."""
     rmse_m: float | None = None
     measures: dict[str, float] = {}
-    """What else the environment tells of that episode; left out of a row where there is nothing."""
+    """What else the environment tells of that episode (`reached`: 1, or 0 where it missed its end); left out of a row
+    where there is nothing."""
     gradients: int = 0
     """Batch gradients really computed; of the data center support + query."""
     gradients_support: int | None = None
@@ -34,6 +36,10 @@ class RoundRow(BaseModel):
     """Cost of an exact meta-gradient over a first-order one, where the data center measured it."""
     experience_bytes: int | None = None
     """Payload bytes of raw observations that the data center's round was learned from."""
+    motions: int | None = None
+    """Of a robot: transitions that it made to learn from; None in rows from before they were told."""
+    evaluation_motions: int | None = None
+    """Of a robot: steps of its greedy episodes, each a forward pass too; None as well."""
     learned: bool | None = None
     """On a robot's last row of an arm: whether R reached the target."""
     missed: tuple[int, ...] = ()
@@ -48,6 +54,11 @@ class RoundRow(BaseModel):
         if not self.measures:
             written.pop("measures", None)
         return written
+
+    def is_over(self, max_rounds: int, target_reward: float) -> bool:
+        """Whether an arm that ended with this row ends there too with limits that are no lower."""
+        reached = self.cluster_reward is not None and self.cluster_reward >= target_reward
+        return self.round >= max_rounds or (bool(self.learned) and reached)
 
     def sort_key(self) -> tuple[str, str, int, int, int]:
         """Order of the finished file, whatever the order of arrival."""

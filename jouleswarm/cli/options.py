@@ -23,6 +23,16 @@ EnergyOption = Annotated[
     ),
 ]
 
+EnergyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--energy",
+        metavar="FILE",
+        help="A TOML file with a table [energy], as `jouleswarm calibrate --write` makes: its constants in place of "
+        "the scenario's. Other options come after it.",
+    ),
+]
+
 
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:
     """`--set` and `--seed` as overrides of a scenario."""

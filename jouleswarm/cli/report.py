@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.cli.options import EnergyOption
+from jouleswarm.cli.options import EnergyFile, EnergyOption
 
 
 def report(
@@ -33,12 +33,14 @@ def report(
         typer.Option(help="What each arm had learned when so much was spent: 10kJ, 2Gbit, 4000motions, 500gradients."),
     ] = None,
     why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
+    energy: EnergyFile = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
 ) -> None:
     """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
 
     --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
     """
+    from jouleswarm.common.scenario.reading import energy_file
     from jouleswarm.energy.repricing import Prices, parse_beta
     from jouleswarm.report.report import report as print_bill
 
@@ -52,7 +54,8 @@ def report(
         carbon_robots=carbon_robots,
         via_base_station=via_base_station,
     )
-    print_bill(run_directory, prices, changes=set_ or (), budget=budget, why=why, html=figures, figures=figures)
+    changes = [*energy_file(energy), *prices.changes, *(set_ or ())]
+    print_bill(run_directory, changes=changes, budget=budget, why=why, html=figures, figures=figures)
 
 
 def audit() -> None:

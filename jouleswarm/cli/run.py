@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from jouleswarm.cli.options import Out, RunId, ScenarioFile, Seed, overrides
+from jouleswarm.cli.options import EnergyFile, Out, RunId, ScenarioFile, Seed, overrides
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
@@ -28,6 +28,13 @@ def run(
     ] = None,
     seed: Seed = None,
     set_: SetOption = None,
+    energy: EnergyFile = None,
+    measure: Annotated[
+        bool,
+        typer.Option(
+            "--measure", help="Have each process measure its own joules too (RAPL, NVML, else estimated by CPU time)."
+        ),
+    ] = False,
     out: Out = Path("runs"),
     run_id: RunId = None,
     broker: Annotated[
@@ -57,7 +64,7 @@ def run(
     Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with. A complete one that was
     run with --keep-state goes on with more rounds: --resume RUN --set federation.max_rounds=80.
     """
-    from jouleswarm.common.scenario.reading import load_scenario
+    from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
     from jouleswarm.report.view import View
@@ -67,12 +74,13 @@ def run(
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is None:
         assert resume is not None
-        if seed is not None or run_id is not None:
-            raise typer.BadParameter("--resume goes on with a run as it was begun: no --seed or --run-id")
+        if seed is not None or run_id is not None or energy is not None or measure:
+            raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
         _present(resume_deployment(resume, Console(), started, more), figures)
         return
-    settings = load_scenario(scenario, overrides(set_, seed))
+    changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
+    settings = load_scenario(scenario, changes)
     _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
 
 

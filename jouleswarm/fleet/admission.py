@@ -11,6 +11,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.types import RowPhase
 
 
 def check_presence(presence: Presence, topic: str, scenario: Scenario, run: str) -> None:
@@ -34,7 +35,8 @@ def check_row(row: RoundRow, client: str, scenario: Scenario) -> None:
     """
     last = max(scenario.federation.max_rounds, scenario.meta.t0)
     known = row.arm in scenario.arm_names and row.agent in (0, *scenario.clusters.get(row.task, ()))
-    if not known or not 1 <= row.round <= last or client != client_of(row.agent):
+    first = 0 if row.phase == RowPhase.FL and row.agent else 1
+    if not known or not first <= row.round <= last or client != client_of(row.agent):
         raise PayloadError(
             f"row of {client}: robot {row.agent}, arm {row.arm}, task {row.task}, round {row.round}; "
             f"expected its own, of this scenario, and rounds up to {last}"
@@ -50,7 +52,7 @@ def check_report(report: MeterReport, client: str, expected: Sequence[str], scen
     if report.client != client or client not in expected:
         raise PayloadError(f"counters of {report.client} on the topic of {client}, expected one of {expected}")
     whose = {("client", report.client), *((row.side, row.client) for row in report.rows)}
-    whose |= {("client", row.client) for row in report.work}
+    whose |= {("client", row.client) for row in report.work} | {("client", row.client) for row in report.joules}
     if len(whose) > 1:
         raise PayloadError(f"counters of {sorted(whose)} on the topic of {client}, expected its own")
     for row in report.rounds:

@@ -21,6 +21,7 @@ from jouleswarm.common.disk.lock import Lock, await_free
 from jouleswarm.common.disk.verify import check_states
 from jouleswarm.common.errors import ConfigurationError, RunError, usable
 from jouleswarm.common.host import moved
+from jouleswarm.common.meter.power import told as how_measured
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet.broker_log import BrokerLog
@@ -185,6 +186,8 @@ def _deploy(
             )
         )
         told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        if scenario.measure.energy:
+            told(how_measured(scenario.measure))
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])

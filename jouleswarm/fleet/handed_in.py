@@ -9,7 +9,8 @@ from pathlib import Path
 
 from jouleswarm.common.bus.reporter import PIECE_BYTES, MeterReport
 from jouleswarm.common.errors import RunError
-from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
+from jouleswarm.common.meter.joules import JoulesRow
+from jouleswarm.common.meter.meter import MeterRow, read_joules, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire.rows import RoundRow
 
@@ -38,6 +39,7 @@ class Report:
 
     rows: list[MeterRow] = field(default_factory=list)
     work: list[WorkRow] = field(default_factory=list)
+    joules: list[JoulesRow] = field(default_factory=list)
     rounds: Rounds = field(default_factory=Rounds)
     pieces: set[int] = field(default_factory=set)
     last: int | None = None
@@ -69,6 +71,7 @@ class HandedIn:
             report.pieces.add(piece.piece)
             report.rows += piece.rows
             report.work += piece.work
+            report.joules += piece.joules
             try:
                 report.rounds.add(piece.rounds)
             except OSError as error:
@@ -77,7 +80,7 @@ class HandedIn:
                     f"the report of {piece.client} cannot be kept {where}; make space, and --resume"
                 ) from error
             report.last = piece.piece if piece.last else report.last
-        if len(report.rows) + len(report.work) > MAX_ROWS:
+        if len(report.rows) + len(report.work) + len(report.joules) > MAX_ROWS:
             raise RunError(f"the report of {piece.client} has over {MAX_ROWS} counters, expected one a topic it used")
         if not report.is_whole:
             return None
@@ -86,16 +89,17 @@ class HandedIn:
         del self._open[piece.client]
         return rounds
 
-    def rows(self, clients: Sequence[str], state: Path | None) -> list[MeterRow]:
-        """What processes have counted; of those that handed nothing in, as far as their folders in `state` tell."""
-        kept = {each: read_rows("client", state / each) for each in clients if state and each not in self.whole}
-        return [
-            row for each in clients for row in (self.whole[each].rows if each in self.whole else kept.get(each, []))
-        ]
-
-    def work(self, clients: Sequence[str], state: Path | None) -> list[WorkRow]:
-        """What processes have computed and moved, in the same way."""
-        kept = {each: read_work(each, state / each) for each in clients if state and each not in self.whole}
-        return [
-            row for each in clients for row in (self.whole[each].work if each in self.whole else kept.get(each, []))
-        ]
+    def final(self, clients: Sequence[str], state: Path | None) -> Report:
+        """What processes have counted, computed and measured; of those that handed nothing in, as far as their folders
+        in `state` tell."""
+        found = Report()
+        for client in clients:
+            kept = self.whole.get(client)
+            if kept is None and state is not None:
+                folder = state / client
+                kept = Report(read_rows("client", folder), read_work(client, folder), read_joules(client, folder))
+            if kept is not None:
+                found.rows += kept.rows
+                found.work += kept.work
+                found.joules += kept.joules
+        return found

@@ -16,7 +16,7 @@ def check_learning(scenario: Scenario, rows: Iterable[RoundRow]) -> None:
     Raises:
         RunError: a stage of an arm has none; the message names them.
     """
-    computed = {(row.phase, row.arm) for row in rows if row.gradients > 0}
+    computed = {(row.phase, row.arm) for row in rows if row.gradients > 0 or (row.learned and not row.round)}
     meta = [((RowPhase.ML, method), f"the meta-learning of {method}") for method in scenario.meta_methods]
     arms = [(("fl", arm), f"arm {arm}") for arm in scenario.arm_names]
     if idle := [told for stage, told in (*meta, *arms) if stage not in computed]:

@@ -39,8 +39,7 @@ class MoreRounds:
         directory.begin_again(self._is_over)
 
     def _is_over(self, row: RoundRow) -> bool:
-        limits, reward = self.scenario.federation, row.cluster_reward
-        return row.round >= limits.max_rounds or (reward is not None and reward >= limits.target_reward)
+        return row.is_over(self.scenario.federation.max_rounds, self.scenario.federation.target_reward)
 
 
 def has_ends(path: Path) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -140,9 +141,9 @@ class Recorder:
         # Nothing but the broker's answer is heard from here on, so that both sides' counts stand still.
         self._bus.unsubscribe(*self._filters)
         patience_s = settings.federation.give_up_after_s if status == "complete" else settings.bus.connect_timeout_s
-        clients, work = self._reports.rows(self._clients, self._state), self._reports.work(self._clients, self._state)
+        told = self._reports.final(self._clients, self._state)
         try:
-            rows, source = self._broker.end(patience_s, clients)
+            rows, source = self._broker.end(patience_s, told.rows)
         except (RunError, BrokerUnreachableError) as error:
             rows, source = [], CLIENTS.format(why=error)
             status, failed = "failed" if status == "complete" else status, error
@@ -150,12 +151,12 @@ class Recorder:
             status, failed = "failed", RunError(f"{lost}; the run is not complete")
         if failed is not None:
             self._bus.publish(topics.recorder(self._run), b"", retain=True)
-        meter = [*rows, *clients, *self._bus.meter.rows()]
+        meter = [*rows, *told.rows, *self._bus.meter.rows()]
         self._directory.meter(meter)
-        self._directory.work(work)
-        self._directory.summary(
-            summarise(settings, self._directory.rows, meter, work_rows=work, status=status, source=source)
-        )
+        self._directory.work(told.work)
+        self._directory.joules(told.joules)
+        results = partial(summarise, settings, self._directory.rows, meter, status=status, source=source)
+        self._directory.summary(results(work_rows=told.work, joules_rows=told.joules))
         self._attendance.forget_done()
         if status == "complete":
             self._see_off()

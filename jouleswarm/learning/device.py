@@ -18,6 +18,11 @@ def accelerator() -> str | None:
     return f"CUDA {torch.version.cuda} on {torch.cuda.get_device_name()}" if torch.cuda.is_available() else None
 
 
+def accelerator_uuid() -> str | None:
+    """What NVML knows that device by, without `GPU-`; None without one."""
+    return str(torch.cuda.get_device_properties().uuid) if torch.cuda.is_available() else None
+
+
 def compute_device() -> torch.device:
     """A CUDA device where there is one, else the processor.
 

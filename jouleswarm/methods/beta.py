@@ -26,6 +26,9 @@ from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
+CPU = torch.device("cpu")
+Call = Callable[[], None]
+
 
 @dataclass(frozen=True)
 class Cost:
@@ -61,26 +64,43 @@ def measure_beta(
 
     Both kinds are timed in turn, after one of each that is not counted. `adapts`: parameters that adapt, default all.
     """
+    exact, first_order, inner, query = meta_gradients(scenario, adapts, inner_steps)
+    kinds = (exact, first_order)
+    flops = [_flops(each) for each in kinds]  # also the first run of each, which is not timed
+    seconds = [[_seconds(each) for each in kinds] for _ in range(repeats)]
+    exact_s, first_order_s = (statistics.median(column) for column in zip(*seconds, strict=True))
+    return Cost(inner, query, exact_s, first_order_s, *flops)
+
+
+def meta_gradients(
+    scenario: Scenario,
+    adapts: Collection[str] | None = None,
+    inner_steps: int | None = None,
+    device: torch.device = CPU,
+) -> tuple[Call, Call, int, int]:
+    """An exact meta-gradient and a first-order one on made-up batches, to be called; and B^(a) and B^(b) of them."""
     inner = scenario.meta.inner_steps if inner_steps is None else inner_steps
-    model = build_qnetwork(scenario, 1)
+    model = build_qnetwork(scenario, 1).to(device)
     params = {name: value.detach() for name, value in model.named_parameters()}
     loss = make_loss(model, params, scenario.learning.discount, double=scenario.learning.double)
     share = scenario.meta.query_batches / scenario.meta.support_batches
-    support, query = (_batches(scenario, model, count) for count in (inner, max(1, round(inner * share))))
+    size = scenario.meta.batch_size
+    support, query = (
+        made_up_batches(scenario, model, size, count, device) for count in (inner, max(1, round(inner * share)))
+    )
 
     def run(*, exact: bool) -> None:
         clip, lr = scenario.learning.grad_clip, scenario.meta.inner_lr
         meta_gradient(params, support, query, loss, lr, exact=exact, clip=clip, inner=adapts)
 
-    kinds = (lambda: run(exact=True)), (lambda: run(exact=False))
-    flops = [_flops(each) for each in kinds]  # also the first run of each, which is not timed
-    seconds = [[_seconds(each) for each in kinds] for _ in range(repeats)]
-    exact_s, first_order_s = (statistics.median(column) for column in zip(*seconds, strict=True))
-    return Cost(inner, len(query), exact_s, first_order_s, *flops)
+    return (lambda: run(exact=True)), (lambda: run(exact=False)), inner, len(query)
 
 
-def _batches(scenario: Scenario, model: QNetwork, count: int) -> list[TensorBatch]:
-    size, actions = scenario.meta.batch_size, len(scenario.spaces.actions)
+def made_up_batches(
+    scenario: Scenario, model: QNetwork, size: int, count: int, device: torch.device
+) -> list[TensorBatch]:
+    """`count` batches of `size` transitions as the network takes them, of random observations."""
+    actions = len(scenario.spaces.actions)
     rng = stream(scenario.seed, "beta", count)
 
     def batch() -> TensorBatch:
@@ -91,7 +111,7 @@ def _batches(scenario: Scenario, model: QNetwork, count: int) -> list[TensorBatc
             _observations(rng, size, model.takes),
             np.zeros(size, np.float32),
         )
-        return to_tensors(made_up, model, torch.device("cpu"))
+        return to_tensors(made_up, model, device)
 
     return [batch() for _ in range(count)]
 

@@ -63,6 +63,10 @@ class RewardLedger:
         heard = [agent for agent in self._cluster if self._known(agent, settled)]
         return sum(self.running_reward(agent, settled) for agent in heard) / len(heard) if heard else None
 
+    def is_full(self, round_: int) -> bool:
+        """Whether R as known in `round_` is the mean over a whole window."""
+        return round_ - (self._diameter - 1) >= self._window
+
     def _knows(self, round_: int) -> bool:
         window = range(max(1, round_ - self._window + 1), round_ + 1)
         return self._may_miss or all(each in rounds for rounds in self._rewards.values() for each in window)

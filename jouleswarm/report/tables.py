@@ -11,11 +11,13 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text, grams_text, joules_text, number_text
+from jouleswarm.report.measured import measured_tables
 from jouleswarm.report.table import Table
 from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.report.why import breakeven_tables, uncertain_tables
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import NOT_DEFINED, Column, bills, columns, telling_lists
+from jouleswarm.runs.facts import zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import traffic
@@ -30,6 +32,7 @@ def report_tables(run: Run, energy: Energy) -> list[Table]:
         *causes_tables(run, energy),
         *sites_tables(run, energy),
         *lost_tables(run, energy),
+        *measured_tables(run),
         *seconds_tables(run, energy),
         *battery_tables(run, energy),
         *breakeven_tables(run, energy),
@@ -46,8 +49,12 @@ def rounds_table(run: Run) -> Table:
     for arm, name in labels(run.scenario).items():
         found = run.results[arm]
         cells = [f"{result.rounds}{'' if result.learned else ' ' + NOT_LEARNED}" for result in found]
-        rows.append([name, str(run.t0[arm]), *cells, f"{sum(run.rounds(arm).values()):g}"])
+        measures = ([result.full_window for result in found], [result.partial_window for result in found])
+        sums = ["-" if None in each else f"{sum(filter(None, each))}" for each in measures]
+        share = f"{100 * zero_shot_share(found):.0f}%"
+        rows.append([name, str(run.t0[arm]), *cells, f"{sum(run.rounds(arm).values()):g}", *sums, share])
     headings = ["arm", "t0", *(f"t_{task}" for task in run.scenario.clusters), "sum of t_i"]
+    headings += ["by full window", "by partial window", "at t_i = 0"]
     return Table(f"Rounds until each task was learned ({NOT_LEARNED}: it was not)", headings, rows)
 
 
@@ -55,12 +62,14 @@ def rewards_table(run: Run) -> Table:
     """Running reward of each task, and path error where there is a path."""
     results = {name: run.results[arm] for arm, name in labels(run.scenario).items()}
     has_path = any(each.rmse_m is not None for found in results.values() for each in found)
+    has_exit = any(each.missed_exits is not None for found in results.values() for each in found)
     rows = []
     for name, found in results.items():
         errors = [f"/{number_text(each.rmse_m, 2)}" if has_path else "" for each in found]
         cells = [number_text(each.reward) + error for each, error in zip(found, errors, strict=True)]
-        rows.append([name, *cells])
-    headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
+        missed = [f"{each.task}: {each.missed_exits} of {each.episodes}" for each in found if each.missed_exits]
+        rows.append([name, *cells, *([", ".join(missed) or "none"] if has_exit else [])])
+    headings = ["arm", *(f"task {task}" for task in run.scenario.clusters), *["missed exits"] * has_exit]
     return Table("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
 
 

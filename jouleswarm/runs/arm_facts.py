@@ -149,7 +149,7 @@ def _work(scenario: Scenario, rows: Sequence[RoundRow], lost: Sequence[WorkRow],
         if behind or (row.phase, row.arm) == (RowPhase.FL, arm):
             sums = found.setdefault((_PHASES[row.phase], row.task, client_of(row.agent)), [0] * 6)
             exact = row.gradients_query or 0
-            acted = motions_of(scenario, row), getattr(row, "evaluation_motions", None) or 0
+            acted = motions_of(scenario, row), row.evaluation_motions or 0
             for place, done in enumerate((row.gradients - exact, exact, row.seconds, row.round > 0, *acted)):
                 sums[place] += done
     for wasted in lost:
@@ -159,5 +159,6 @@ def _work(scenario: Scenario, rows: Sequence[RoundRow], lost: Sequence[WorkRow],
             sums[0] += part * wasted.gradients
             sums[1] += part * wasted.gradients_query
             sums[4] += part * wasted.motions
+            sums[5] += part * wasted.evaluation_motions
     for (phase, task, client), spent in found.items():
         yield Work(phase, task, _number(client.removeprefix("agent-")), *spent)

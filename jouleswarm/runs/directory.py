@@ -4,6 +4,7 @@
 ``rounds.jsonl``    one row a robot and round; agent 0 is the data center
 ``meter.jsonl``     cumulative byte counters, both sides of the bus
 ``work.jsonl``      gradients and motions that each process has done, kept or not
+``joules.jsonl``    joules that each process has measured of itself, of a run with ``measure.energy``
 ``progress.jsonl``  payload bytes received so far by link class, over time
 ``summary.json``    rounds, rewards, joules and bytes of each arm
 ``doors/``          the user's own files, methods, edge lists, ... as they were
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.disk.trouble import disk_error
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire.rows import RoundRow
@@ -45,6 +47,7 @@ MANIFEST, ROUNDS, METER, WORK, PROGRESS, SUMMARY = (
     "progress.jsonl",
     "summary.json",
 )
+JOULES = "joules.jsonl"
 _SUMS, _SEALS = "rows.sums", "seals"
 
 
@@ -86,7 +89,7 @@ class RunDirectory:
             self._seals = sealed.files if sealed is not None else {}
         self._rows.go_on()
         whole_lines(self.path / PROGRESS)
-        for name in (METER, WORK, SUMMARY):  # of a run that was interrupted
+        for name in (METER, WORK, JOULES, SUMMARY):  # of a run that was interrupted
             (self.path / name).unlink(missing_ok=True)
 
     def doors(self, files: Mapping[str, Path]) -> None:
@@ -140,6 +143,11 @@ class RunDirectory:
     def work(self, rows: Iterable[WorkRow]) -> None:
         """Write what the processes have done."""
         write_whole(self.path / WORK, "".join(row.model_dump_json() + "\n" for row in rows).encode())
+
+    def joules(self, rows: Sequence[JoulesRow]) -> None:
+        """Write what the processes have measured, if they have."""
+        if rows:
+            write_whole(self.path / JOULES, "".join(row.model_dump_json() + "\n" for row in rows).encode())
 
     def summary(self, summary: dict[str, Any]) -> None:
         """Write the summary, and the rows in their final order.

@@ -19,6 +19,7 @@ from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import Counts
+from jouleswarm.runs.learned import is_learned, missed_exits, rounds_by
 from jouleswarm.runs.lost_work import lost_counts
 from jouleswarm.runs.traffic import Measure, sent_bytes, traffic
 
@@ -28,11 +29,15 @@ class TaskResult:
     """How one task went in one arm."""
 
     task: int
-    rounds: int  # t_i; where robots stop by themselves, of the last one
+    rounds: int  # t_i; 0: learned before the first round; where robots stop by themselves, of the last one
     reward: float | None  # the cluster's running reward R after them; the mean of theirs where each has its own
     rmse_m: float | None
     learned: bool
     robot_rounds: int  # summed over the robots
+    full_window: int | None = None  # t_i by the measures of `runs.learned`; None: not by then
+    partial_window: int | None = None
+    missed_exits: int | None = None  # of the `episodes` that R is of; None where no end is told
+    episodes: int = 0
 
 
 def meta_counts(
@@ -112,11 +117,16 @@ def task_results(
 ) -> list[TaskResult]:
     """How each task (default: all of the scenario) went in an arm; rounds are numbered from 1."""
     mine = [row for row in rows if row.arm == arm and row.phase == RowPhase.FL and row.agent != 0]
-    alone = scenario.method(method_of(arm)).partners == "nobody"
+    partners = scenario.method(method_of(arm)).partners
     return [
-        _result(scenario, task, [row for row in mine if row.task == task], alone=alone)
+        _result(scenario, task, [row for row in mine if row.task == task], partners)
         for task in (tasks if tasks is not None else scenario.clusters)
     ]
+
+
+def zero_shot_share(results: Sequence[TaskResult]) -> float:
+    """Share of an arm's tasks that were learned before their first round."""
+    return fmean(result.learned and not result.rounds for result in results)
 
 
 def _gradients(rows: Iterable[RoundRow]) -> Counts:
@@ -144,8 +154,9 @@ def _uplink_share(stage: list[RoundRow], snapshot: int | None) -> tuple[int, int
     return sum(row.experience_bytes or 0 for row in center if row.round <= snapshot), whole
 
 
-def _result(scenario: Scenario, task: int, rows: list[RoundRow], *, alone: bool) -> TaskResult:
+def _result(scenario: Scenario, task: int, rows: list[RoundRow], partners: str) -> TaskResult:
     newest: dict[int, RoundRow] = {}
+    settings, alone = scenario.federation, partners == "nobody"
     for row in sorted(rows, key=lambda row: row.round):
         newest[row.agent] = row
     rounds = max((row.round for row in newest.values()), default=0)
@@ -153,18 +164,17 @@ def _result(scenario: Scenario, task: int, rows: list[RoundRow], *, alone: bool)
     last = [row for row in newest.values() if alone or row.round == rounds]
     rewards = [row.cluster_reward for row in last if row.cluster_reward is not None]
     errors_m = [row.rmse_m for row in last if row.rmse_m is not None]
+    missed, episodes = missed_exits(settings, rows, newest)
     everybody = len(last) == len(scenario.cluster(task)) or not alone
     return TaskResult(
         task=task,
         rounds=rounds,
         reward=fmean(rewards) if rewards else None,
         rmse_m=fmean(errors_m) if errors_m else None,
-        learned=bool(last) and everybody and all(_learned(row, scenario.federation.target_reward) for row in last),
+        learned=bool(last) and everybody and all(is_learned(settings, row) for row in last),
         robot_rounds=sum(row.round for row in newest.values()),
+        full_window=rounds_by(scenario, rows, partners, full=True),
+        partial_window=rounds_by(scenario, rows, partners, full=False),
+        missed_exits=missed if episodes else None,
+        episodes=episodes,
     )
-
-
-def _learned(row: RoundRow, target_reward: float) -> bool:
-    if row.learned is not None:
-        return row.learned
-    return row.cluster_reward is not None and row.cluster_reward >= target_reward

@@ -12,7 +12,7 @@ from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import Counts
 
-_COUNTS = ("gradients", "gradients_query", "motions")
+_COUNTS = ("gradients", "gradients_query", "motions", "evaluation_motions")
 
 
 def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[WorkRow]) -> list[WorkRow]:
@@ -22,24 +22,25 @@ def lost_work(scenario: Scenario, rows: Iterable[RoundRow], work_rows: Iterable[
     """
     kept: dict[tuple[str, str, str, int], list[int]] = {}
     for row in rows:
-        counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0])
+        counts = kept.setdefault((client_of(row.agent), row.phase, row.arm, row.task), [0, 0, 0, 0])
         query = row.gradients_query or 0
-        for index, count in enumerate((row.gradients - query, query, motions_of(scenario, row))):
+        told = (row.gradients - query, query, motions_of(scenario, row), row.evaluation_motions or 0)
+        for index, count in enumerate(told):
             counts[index] += count
     found = []
     for done in work_rows:
-        told = kept.get((done.client, done.phase, done.arm, done.task), [0, 0, 0])
-        left = {name: max(0, getattr(done, name) - count) for name, count in zip(_COUNTS, told, strict=True)}
+        was = kept.get((done.client, done.phase, done.arm, done.task), [0, 0, 0, 0])
+        left = {name: max(0, getattr(done, name) - count) for name, count in zip(_COUNTS, was, strict=True)}
         if any(left.values()):
             found.append(done.model_copy(update=left))
     return found
 
 
 def motions_of(scenario: Scenario, row: RoundRow) -> int:
-    """Motions of a round to learn from: as counted, else those that each round of this robot has."""
-    if (counted := getattr(row, "motions", None)) is not None:
-        return int(counted)
-    return scenario.motions(row.agent) if row.agent in scenario.agents else 0
+    """Transitions made in a row's round to learn from: |E_ik| in rows from before they were told."""
+    if row.motions is not None or row.agent not in scenario.agents:
+        return row.motions or 0
+    return scenario.motions(row.agent)
 
 
 def lost_counts(lost: Iterable[WorkRow], share: float = 1.0) -> Counts:

@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict
 
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
-from jouleswarm.common.meter.meter import MeterRow, read_rows, read_work
+from jouleswarm.common.meter.joules import JoulesRow
+from jouleswarm.common.meter.meter import MeterRow, read_joules, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
@@ -23,7 +24,7 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
-from jouleswarm.runs.directory import MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
+from jouleswarm.runs.directory import JOULES, MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
 from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
 from jouleswarm.runs.files import other_version, read_lines, read_manifest, read_summary
 from jouleswarm.runs.lost_work import lost_work
@@ -53,6 +54,7 @@ class Run:
     summary: dict[str, Any] | None
     cut: list[str]
     work_rows: Sequence[WorkRow] = ()
+    joules_rows: Sequence[JoulesRow] = ()
 
     @property
     def name(self) -> str:
@@ -159,6 +161,7 @@ def _load(path: Path, manifest: dict[str, Any]) -> Run:
         rows=_once(read_lines(path / ROUNDS, RoundRow, needed=done, cut=cut), path / ROUNDS),
         meter_rows=read_lines(path / METER, MeterRow, needed=False, cut=None) or _kept_rows(path, str(manifest["run"])),
         work_rows=read_lines(path / WORK, WorkRow, needed=False, cut=None) or _kept_work(path),
+        joules_rows=read_lines(path / JOULES, JoulesRow, needed=False, cut=None) or _kept_joules(path),
         progress=read_lines(path / PROGRESS, Progress, needed=False, cut=cut),
         summary=summary,
         cut=cut,
@@ -192,6 +195,11 @@ def _once(rows: list[RoundRow], file: Path) -> list[RoundRow]:
 def _kept_work(path: Path) -> list[WorkRow]:
     """What the processes of a run that was killed had done by then."""
     return [row for folder in sorted((path / STATE).glob("*")) for row in read_work(folder.name, folder)]
+
+
+def _kept_joules(path: Path) -> list[JoulesRow]:
+    """What they had measured."""
+    return [row for folder in sorted((path / STATE).glob("*")) for row in read_joules(folder.name, folder)]
 
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:

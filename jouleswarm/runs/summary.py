@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.scenario.arms import Arm
@@ -24,8 +25,9 @@ from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, pric
 from jouleswarm.energy.published import published
 from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
-from jouleswarm.runs.facts import meta_rounds, task_results
+from jouleswarm.runs.facts import meta_rounds, task_results, zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions, lost_work
+from jouleswarm.runs.measured import by_role
 from jouleswarm.runs.seconds import seconds_parts
 from jouleswarm.runs.traffic import metered_by, traffic
 
@@ -43,6 +45,7 @@ def summarise(
     tasks: Iterable[int] | None = None,
     *,
     work_rows: Iterable[WorkRow] = (),
+    joules_rows: Sequence[JoulesRow] = (),
     status: Literal["complete", "interrupted", "failed"] = "complete",
     source: str = "",
 ) -> dict[str, Any]:
@@ -62,6 +65,7 @@ def summarise(
         "counters_fit": None if balance is None else not balance.broken,
         "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted, own) for arm in scenario.arms},
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
+        **({"measured_j": by_role(joules_rows)} if joules_rows else {}),
     }
 
 
@@ -114,10 +118,12 @@ def _arm_summary(
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
     priced = literal.price(done, energy)
     held = lives(done, energy) if energy.has_battery else {}
+    results = task_results(scenario, rows, arm.name, tasks)
     return {
         "method": arm.method,
         "t0": done.t0,
-        "tasks": [asdict(result) for result in task_results(scenario, rows, arm.name, tasks)],
+        "tasks": [asdict(result) for result in results],
+        "zero_shot_share": zero_shot_share(results) if results else None,
         "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
         "energy_j": {
             "literal": bill_parts(priced, metered),

@@ -89,8 +89,8 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
 
 
 def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:
-    """[round][robot] rewards, in the order of rounds."""
-    told = sorted((row.round, row.agent, row.reward) for row in rows if row.reward is not None)
+    """[round][robot] rewards, in the order of rounds from 1."""
+    told = sorted((row.round, row.agent, row.reward) for row in rows if row.round and row.reward is not None)
     return [[reward for *_, reward in of_round] for _, of_round in groupby(told, key=lambda row: row[0])]
 
 

@@ -76,7 +76,7 @@ def test_there_is_a_row_for_each_robot_and_round(outcome: Outcome) -> None:
     counted = Counter((row.phase, row.arm, row.task, row.agent) for row in outcome.rows)
     expected: dict[Any, int] = {("maml", "maml", 1, 0): T0, ("maml", "maml", 1, 1): T0}  # task 1 trains, robot 1 sends
     for arm in ("maml", "fl"):
-        expected |= {("fl", arm, task, agent): ROUNDS for task, agent in ((1, 1), (1, 2), (2, 3), (2, 4))}
+        expected |= {("fl", arm, task, agent): ROUNDS + 1 for task, agent in ((1, 1), (1, 2), (2, 3), (2, 4))}
     assert counted == expected
     assert {row.learned for row in outcome.rows if row.phase == "fl" and row.round == ROUNDS} == {False}
     assert {row.learned for row in outcome.rows if row.round < ROUNDS} == {None}
@@ -160,10 +160,10 @@ def test_uplink_and_downlink_move_what_the_equations_count(outcome: Outcome) -> 
 
 
 def test_a_task_that_is_learned_ends_early_and_says_so() -> None:
-    # A target that any cluster reaches in its first round.
+    # A target that any cluster reaches before its first round.
     outcome = run_in_memory(small("federation.target_reward=-1e9", "methods=['fl']"))
     ends = {(row.task, row.agent): (row.round, row.learned) for row in outcome.rows}
-    assert ends == {(1, 1): (1, True), (1, 2): (1, True), (2, 3): (1, True), (2, 4): (1, True)}
+    assert ends == {(1, 1): (0, True), (1, 2): (0, True), (2, 3): (0, True), (2, 4): (0, True)}
 
 
 @pytest.mark.parametrize("arms", ["['maml']", "['fl']", "['fl', 'maml']"])
@@ -192,7 +192,8 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     hands = hub.connect("hands")
     hands.subscribe(topics.weights("r", "fl", 1, 1))
     for agent in offsets:
-        hands.publish(topics.presence("r", 1, agent), encode_json(Presence(agent=agent, stage=2)), retain=True)
+        here = Presence(agent=agent, stage=1, rewards={agent: 0.0})  # of round 0
+        hands.publish(topics.presence("r", 1, agent), encode_json(here), retain=True)
     robot = in_thread(run_agent, scenario, 1, "r", hub.connect("agent-1"))
     shapes = shapes_of(build_qnetwork(scenario))
     published = []

@@ -107,7 +107,7 @@ def test_wrong_options_have_exit_code_2(
     assert "Error: " in err
 
 
-@pytest.mark.parametrize("command", ["run", "record", "report", "chaos", "audit"])
+@pytest.mark.parametrize("command", ["run", "record", "report", "calibrate", "chaos", "audit"])
 def test_every_command_explains_itself(command: str, jouleswarm: Call) -> None:
     code, out, _ = jouleswarm(command, "--help")
     assert code == 0

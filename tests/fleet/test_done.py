@@ -250,7 +250,7 @@ def test_who_comes_back_done_says_since_when(tmp_path: Path, caplog: pytest.LogC
     second = Deployment(tmp_path, "second", "fl", keep_state=True)
     second.start()
     rows, models = second.complete()
-    assert (len(rows), len(models)) == (12, 2)  # 3 rounds of 4 robots, handed in again
+    assert (len(rows), len(models)) == (16, 2)  # round 0 and 3 rounds of 4 robots, handed in again
     assert "robot 1 of run r: done since 20" in caplog.text
     assert "to learn anew delete" in caplog.text
 

@@ -493,7 +493,18 @@ def test_a_run_cut_short_is_summed_up_as_far_as_it_got(table: Table, status: Any
     summary = table.json("summary.json")
     assert summary["status"] == status
     assert summary["arms"]["maml"]["tasks"] == [
-        {"task": 1, "rounds": 1, "reward": 12.0, "rmse_m": None, "learned": False, "robot_rounds": 2}
+        {
+            "task": 1,
+            "rounds": 1,
+            "reward": 12.0,
+            "rmse_m": None,
+            "learned": False,
+            "robot_rounds": 2,
+            "full_window": None,
+            "partial_window": None,
+            "missed_exits": None,
+            "episodes": 0,
+        }
     ]
     # 40 gradients x 5.1 W x 0.4 s
     assert summary["arms"]["maml"]["energy_j"]["literal"]["fl_learning"] == pytest.approx(81.6)

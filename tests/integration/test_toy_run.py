@@ -47,9 +47,10 @@ def test_there_is_one_row_a_robot_and_round(toy_run: Any) -> None:
         for agent, task in ((1, 1), (2, 1), (3, 2), (4, 2)):
             mine = [row for row in rows if (row.phase, row.arm, row.agent) == ("fl", arm, agent)]
             assert {row.task for row in mine} == {task}
-            assert [row.round for row in mine] == list(range(1, len(mine) + 1))
+            assert [row.round for row in mine] == list(range(len(mine)))
             assert [row.learned is None for row in mine] == [True] * (len(mine) - 1) + [False]
-            assert all(row.reward is not None and row.rmse_m is not None and row.gradients == 10 for row in mine)
+            assert all(row.reward is not None and row.rmse_m is not None for row in mine)
+            assert [row.gradients for row in mine] == [0] + [10] * (len(mine) - 1)  # none in round 0
             last.setdefault(task, set()).add(len(mine))
         assert all(len(rounds) == 1 for rounds in last.values())  # a cluster ends in one round
 
@@ -75,6 +76,7 @@ def test_the_summary_holds_rounds_joules_and_bytes_of_each_arm(toy_run: Any) -> 
         part = summary["arms"][arm]
         assert [set(task) for task in part["tasks"]] == [
             {"task", "rounds", "robot_rounds", "reward", "rmse_m", "learned"}
+            | {"full_window", "partial_window", "missed_exits", "episodes"}
         ] * 2
         assert [task["task"] for task in part["tasks"]] == [1, 2]
         assert set(part["energy_j"]) == {"literal", "published", "by_cause", "by_site"}
@@ -162,7 +164,9 @@ def test_undisturbed_every_gradient_and_motion_that_was_done_is_in_a_row(toy_run
         agent = 0 if client == "datacenter" else int(client.removeprefix("agent-"))
         mine = [row for row in rows if (row["agent"], row["phase"], row["arm"]) == (agent, phase, arm)]
         assert work["gradients"] + work["gradients_query"] == sum(row["gradients"] for row in mine)
-        assert work["motions"] == (10 * len(mine) if agent else 0)  # learning.motions_per_round
+        assert work["motions"] == sum(row["motions"] or 0 for row in mine)
+        assert work["motions"] == (10 * sum(row["round"] > 0 for row in mine) if agent else 0)  # motions_per_round
+        assert work["evaluation_motions"] == sum(row["evaluation_motions"] or 0 for row in mine)
     assert {(row["agent"], row["phase"], row["arm"]) for row in rows} == {
         (0 if client == "datacenter" else int(client.removeprefix("agent-")), phase, arm) for client, phase, arm in done
     }

@@ -48,7 +48,7 @@ def test_every_way_to_learn_works_in_every_environment(name: str) -> None:
     rows = {arm: [row for row in outcome.rows if row.arm == arm and row.phase == "fl"] for arm in scenario.arm_names}
     for arm in ("maml", "fl", "centralized"):
         of_robots = [row for row in rows[arm] if row.agent]
-        assert len(of_robots) == 2 * robots
+        assert len(of_robots) == 3 * robots  # round 0, and two more
         assert all(row.reward is not None and row.refused == 0 for row in of_robots)
         assert (arm, scenario.tasks[0].id) in outcome.learned
     gradients = {arm: sum(row.gradients for row in rows[arm]) for arm in rows}

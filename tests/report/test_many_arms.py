@@ -94,16 +94,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return load_run(_write(tmp_path_factory.mktemp("many") / "run"))
 
 
+MEASURES = ("by full window", "by partial window", "at t_i = 0")
+
+
 def rows_of(table: Table) -> dict[Cell, list[Cell]]:
     return {row[0]: list(row[1:]) for row in table.rows}
 
 
 def test_rounds_have_a_row_an_arm_with_its_own_t0(run: Run) -> None:
     table = rounds_table(run)
-    assert table.headings == ["arm", "t0", *(f"t_{task}" for task in TASKS), "sum of t_i"]
+    assert table.headings == ["arm", "t0", *(f"t_{task}" for task in TASKS), "sum of t_i", *MEASURES]
     found = rows_of(table)
     assert len(found) == 14
-    assert found["MAML, t0 = 2"] == ["2", "2", "4", "6", "8", "10", "12", "42"]
+    # the first two tasks end before a window of 5 rounds is full; R of task 6 is 27.5 x 11 / 6 = 50.4 in round 11
+    assert found["MAML, t0 = 2"] == ["2", "2", "4", "6", "8", "10", "12", "42", "-", "41", "0%"]
     assert found["MAML, t0 = 6"][0] == "6"
     assert found["FL, no transfer"][0] == "0"
     assert found["centralized"][6] == "12 ×"

@@ -365,7 +365,7 @@ def test_html_is_one_file_with_everything_in_it(complete) -> None:
     (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
     text = path.read_text(encoding="utf-8")
     assert path.name == "report.html"
-    assert text.count("<svg") == 4
+    assert text.count("<svg") == 5
     assert not re.search(r"""(src|href)=["']?(https?:|//|data:)|@import|<script|<link""", text)
     assert "currentColor" in text
     ids = re.findall(r'\bid="([^"]+)"', text)

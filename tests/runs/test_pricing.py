@@ -85,8 +85,8 @@ def test_a_message_to_many_neighbours_is_sent_once(facts) -> None:
 def test_rounds_and_rewards_of_each_task(facts) -> None:
     assert (meta_rounds(facts.rows, "maml"), meta_rounds(facts.rows, "fl")) == (3, 0)
     assert task_results(facts.scenario, facts.rows, "maml") == [
-        TaskResult(task=1, rounds=4, reward=55.0, rmse_m=1.25, learned=True, robot_rounds=8),
-        TaskResult(task=2, rounds=6, reward=55.0, rmse_m=1.25, learned=True, robot_rounds=12),
+        TaskResult(1, 4, 55.0, 1.25, learned=True, robot_rounds=8, partial_window=4),  # before R's window is full
+        TaskResult(2, 6, 55.0, 1.25, learned=True, robot_rounds=12, full_window=6, partial_window=6),
     ]
     assert task_results(facts.scenario, facts.rows, "fl", [2]) == [
         TaskResult(task=2, rounds=20, reward=-20.0, rmse_m=1.25, learned=False, robot_rounds=40)
@@ -97,9 +97,9 @@ def test_a_task_without_rows_was_not_learned(facts) -> None:
     assert task_results(facts.scenario, [], "maml", [1]) == [TaskResult(1, 0, None, None, False, 0)]
 
 
-def test_a_run_cut_before_its_last_row_is_judged_by_its_reward(facts) -> None:
+def test_a_run_cut_before_its_last_row_is_judged_by_its_reward_and_window(facts) -> None:
     cut = [row.model_copy(update={"learned": None}) for row in facts.rows]
-    assert [result.learned for result in task_results(facts.scenario, cut, "maml")] == [True, True]
+    assert [result.learned for result in task_results(facts.scenario, cut, "maml")] == [False, True]
     assert [result.learned for result in task_results(facts.scenario, cut, "fl")] == [True, False]
 
 
@@ -113,7 +113,9 @@ def test_summary(facts) -> None:
     assert fl["energy_j"]["literal"] == pytest.approx(LITERAL_NO_MAML)
     assert maml["tasks"][0] == {
         "task": 1, "rounds": 4, "reward": 55.0, "rmse_m": 1.25, "learned": True, "robot_rounds": 8,
+        "full_window": None, "partial_window": 4, "missed_exits": None, "episodes": 0,
     }  # fmt: skip
+    assert (maml["zero_shot_share"], fl["zero_shot_share"]) == (0.0, 0.0)
     assert maml["bytes"]["uplink"] == {"messages": 120, "payload": 120_000, "packet": 132_000}
     assert maml["bytes"]["downlink"] == {"messages": 4, "payload": 20_000, "packet": 20_200}
     assert fl["bytes"]["uplink"] == {"messages": 0, "payload": 0, "packet": 0}

@@ -153,11 +153,11 @@ CASES = [
     (FL, TOPK, Death(ROBOT, "weights", 2, sent=True)),  # the neighbour has them, and gets them again
     (FL, TOPK, Death(ROBOT, "weights", 3)),
     (FL, TOPK, Death(ROBOT, "weights", 1, sent=True)),  # nothing but the start on disk
-    (FL, TOPK, Death(ROBOT, "round", 2, sent=True)),  # told, and done again
+    (FL, TOPK, Death(ROBOT, "round", 3, sent=True)),  # told, and done again
     (FL, TOPK, Death(ROBOT, "learned", 1, sent=True)),
     (FL, FLOAT32, Death(ROBOT, "presence", 1)),  # before anybody knew of it
-    (FL, FLOAT32, Death(ROBOT, "presence", 3, sent=True)),  # its neighbour need not wait for it, nor it for that one
-    (FL, FLOAT32, Death(ROBOT, "presence", 4, sent=True)),  # done, and back
+    (FL, FLOAT32, Death(ROBOT, "presence", 4, sent=True)),  # its neighbour need not wait for it, nor it for that one
+    (FL, FLOAT32, Death(ROBOT, "presence", 5, sent=True)),  # done, and back
     (FEDAVG, FLOAT32, Death(ROBOT, "weights", 2)),
     (FEDAVG, TOPK, Death(ROBOT, "weights", 2, sent=True)),
     (FEDAVG, TOPK, Death(ROBOT, "weights", 3)),
@@ -191,7 +191,7 @@ def test_a_robot_that_is_killed_in_its_second_arm_does_not_do_the_first_again(tm
     deployment = Deployment(load_scenario(TOY, [*SMALL, *overrides]), tmp_path)
     assert deployment.run(Death(ROBOT, "weights", 5)) == undisturbed(overrides)  # 3 of fl and 2 of fedavg
     told = {row.topic: row.messages for row in deployment.hub.meter.rows() if row.client == "recorder"}
-    assert told[topics.telemetry("r", "fl", ROBOT)] == 3
+    assert told[topics.telemetry("r", "fl", ROBOT)] == 4  # with round 0
 
 
 @pytest.mark.parametrize(

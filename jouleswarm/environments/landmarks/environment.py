@@ -192,12 +192,14 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         return [{"start": cell} for cell in start_cells(self.task_map, *area)]
 
     def judge(self, total: float) -> tuple[float, dict[str, float]]:
-        """What an episode that has brought `total` counts, and the RMSE of its path in metres.
+        """What an episode that has brought `total` counts, the RMSE of its path in metres, and whether it `reached` the
+        exit: 1 or 0.
 
         Without the exit it never counts above 0 (DESIGN: it counts only with its exit).
         """
-        counts = total if self._cell == self.task_map.exit else min(total, 0.0)
-        return counts, {"rmse_m": rmse_m(self._walked, self.task_map, self._world.cell_m)}
+        reached = self._cell == self.task_map.exit
+        error_m = rmse_m(self._walked, self.task_map, self._world.cell_m)
+        return total if reached else min(total, 0.0), {"rmse_m": error_m, "reached": float(reached)}
 
     @cached_property
     def _best(self) -> npt.NDArray[np.int64]:
