@@ -29,8 +29,8 @@ from jouleswarm.runs.run import load_run
 
 _NOTHING: Mapping[str, object] = MappingProxyType({})
 _SELDOM = (
-    *("downlink_robots", "acting_robots", "evaluating_robots", "waiting_robots", "waiting_datacenter"),
-    *("other_datacenter", "other_robots", "untold"),
+    *("uplink_datacenter", "downlink_robots", "acting_robots", "evaluating_robots"),
+    *("waiting_robots", "waiting_datacenter", "other_datacenter", "other_robots", "untold"),
 )
 """Causes that a bill has only where a price list has joules of them."""
 

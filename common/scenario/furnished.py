@@ -109,6 +109,8 @@ class Furnished(Crew):
         links = None if path is None else read_links(path, self.agents)
         hours = () if by_hour is None else read_hours(by_hour)
         vars(self)["energy"] = self.energy.for_fleet(self.robots, links, hours)
+        if "distance" in self.energy.prices:
+            self.energy.check_places(self.agents)
 
     def open(self, kind: Kind, name: str) -> Any:
         """What goes by a name of the scenario's (see `common.doors.enter`), the same however its file changes."""

@@ -24,6 +24,7 @@ from jouleswarm.energy.published import published
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _TAKEN = ("by_cause", "by_site", "total", "paper")
+_PAPERS = ("literal", "published")
 _CLOSE = 1e-9
 
 
@@ -75,8 +76,8 @@ def open_list(scenario: Scenario, name: str) -> PriceList:
 
 
 def own_lists(lists: Iterable[PriceList]) -> list[PriceList]:
-    """Those of the lists that do not ship here."""
-    return [each for each in lists if each.name not in SHIPPED["prices"]]
+    """Those that have a column, row or panel of their own: all but the paper's two."""
+    return [each for each in lists if each.name not in _PAPERS]
 
 
 def price(prices: PriceList, facts: Facts, energy: Energy) -> Bill | None:

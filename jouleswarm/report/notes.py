@@ -103,12 +103,12 @@ def _notes_of_the_columns(run: Run) -> list[str]:
         )
     if own:
         told = "; ".join(f"{each.label} ({name})" for each, name in zip(own, _named(run), strict=True))
-        lines.append(f"Price lists of the user's own, over the same facts: {told}.")
+        lines.append(f"Price lists beside the paper's, over the same facts: {told}.")
     return lines
 
 
 def _named(run: Run) -> list[str]:
-    """Names in the scenario of the lists that do not ship here."""
+    """Names in the scenario of the lists beside the paper's."""
     own = own_lists(run.price_lists)
     return [name for name, each in zip(run.scenario.energy.prices, run.price_lists, strict=True) if each in own]
 
