@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.codecs.codec import Codec, is_whole
+from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.codecs.models import check_tensors, decoded, read_model
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.codecs.topk import INDICES, VALUES, TopK
