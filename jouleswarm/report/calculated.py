@@ -19,9 +19,11 @@ from jouleswarm.energy.calculator import facts_of, robots_of, seen_of
 from jouleswarm.energy.carbon import carbon, has_carbon
 from jouleswarm.energy.facts import STAGE, Counts, Facts
 from jouleswarm.energy.prices import PriceList, price, price_lists
+from jouleswarm.energy.published import published
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.report.format import grams_text, joules_text
 from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.why import ranges_tables
 
 _SUMS = ("ml", "fl", "total")
 
@@ -66,9 +68,13 @@ def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Overrid
 
 
 def print_calculated(found: Calculated, console: Console | None = None) -> None:
-    """Tables of each list, and break-even."""
+    """Tables of each list, with intervals where constants are ranges, and break-even."""
     console = console or Console()
-    for table in _tables(found):
+    plain = next((arm for arm, facts in found.facts.items() if facts.counts.ml == Counts()), next(iter(found.facts)))
+    names, energy = {arm: arm for arm in found.facts}, found.tariff.energy
+    lists = [each for each in found.bills if each != published]  # which follows none of the constants
+    ranges = [table for each in lists for table in ranges_tables(found.facts, names, energy, each, plain)]
+    for table in (*_tables(found), *ranges):
         console.print(terminal(table))
     for prices, arm, other, tasks in found.break_even_tasks:
         told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
