@@ -69,7 +69,7 @@ def show(table: Table, console: Console) -> None:
 
 
 def narrowed(table: Table, width: int) -> list[Table]:
-    """The table; or where it is wider than so many characters several, each with some of its columns after the names."""
+    """The table; or where it is wider than so many characters several, each with some of its columns after names."""
     rows = [cells for cells, _ in _styled(table)]
     needs = [
         max([*map(len, heading.split()), *(len(row[place]) for row in rows)], default=0) + _PADDING
