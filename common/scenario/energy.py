@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.bounds import (
@@ -120,7 +120,7 @@ class Energy(Section):
             for name, value in given.items()
             if isinstance(value, dict) and "low" in value and name != "kinds"
         }
-        ranges = {name: Uncertain.model_validate(value) for name, value in found.items()}
+        ranges = {name: _range(name, value) for name, value in found.items()}
         if not ranges:
             return given
         numbers = {name: spread.nominal for name, spread in ranges.items()}
@@ -270,3 +270,12 @@ class Energy(Section):
         else:
             bit_per_j, bit_per_s = here.sl_bit_per_j, here.sl_bit_per_s
         return LinkConstants(bit_per_j=bit_per_j, bit_per_s=bit_per_s, loss=self.loss)
+
+
+def _range(name: str, given: object) -> Uncertain:
+    try:
+        return Uncertain.model_validate(given)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(level) for level in (name, *first["loc"]))
+        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from error
