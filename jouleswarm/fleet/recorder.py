@@ -241,7 +241,7 @@ class Recorder:
     def _take_row(self, telemetry: Telemetry, client: str) -> None:
         row = telemetry.row
         check_row(row, client, self._scenario)
-        self._directory.round(row)
+        self._directory.round(row, time.time())
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
         self._attendance.is_back(client)
