@@ -154,7 +154,7 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
     names = {path.name for path in toy_run.path.iterdir()}
     files = {"manifest.json", "summary.json", "report.html"}
-    rows = {f"{name}.jsonl" for name in ("rounds", "meter", "work", "progress")}
+    rows = {f"{name}.jsonl" for name in ("rounds", "meter", "work", "progress", "times")}
     assert names == files | rows | {"weights", "figures", "logs"}
 
 
