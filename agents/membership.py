@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
 from jouleswarm.agents.absence import Absence
@@ -11,7 +10,7 @@ from jouleswarm.common.bus.agreement import Agreement
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
-from jouleswarm.common.bus.patience import Patience
+from jouleswarm.common.bus.patience import Patience, left_behind
 from jouleswarm.common.bus.reporter import Reporter
 from jouleswarm.common.errors import PayloadError, RunError
 from jouleswarm.common.host import Others, arithmetic
@@ -26,11 +25,6 @@ from jouleswarm.methods.graph import Neighbourhood
 log = logging.getLogger("jouleswarm.agent")
 
 Arrived = dict[int, tuple[Weights, ModelHeader]]
-
-
-def names(agents: Sequence[int]) -> list[str]:
-    """Plain names of robots on the bus."""
-    return [f"agent-{agent}" for agent in agents]
 
 
 class Membership:
@@ -128,7 +122,7 @@ class Membership:
                 self._check_stage(each, reached, stage)
             return self._absence.waited_for([each for each, reached in self._stages.items() if reached < stage])
 
-        self.until(lambda: not behind(), lambda: f"robots {behind()} to come", whom=lambda: names(behind()))
+        self._listener.until_none_is(behind, "robots {} to come")
 
     @property
     def at_start(self) -> dict[int, float]:
@@ -159,7 +153,7 @@ class Membership:
                     self.announce_again()
             return self._absence.waited_for([each for each in cluster if each not in known])
 
-        self.until(lambda: not missing(), lambda: f"round 0 of robots {missing()}", whom=lambda: names(missing()))
+        self._listener.until_none_is(missing, "round 0 of robots {}")
 
     def publish(self, topic: str, payload: bytes, qos: int | None = None) -> None:
         """Send something, at the scenario's QoS unless told otherwise."""
@@ -231,7 +225,4 @@ class Membership:
             raise self._left_behind(wait.client, f"in round {wait.round} of {self.arm}", f"round {self.awaited_round}")
 
     def _left_behind(self, who: str, there: str, here: str) -> RunError:
-        return RunError(
-            f"{who} is {there} already, and robot {self.here.agent} comes with {here}: its state is lost or of another "
-            f"time; give it the --state folder that it had in run {self.run}, or start all with an empty one"
-        )
+        return left_behind(who, there, f"robot {self.here.agent}", here, self.run)

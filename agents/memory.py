@@ -2,66 +2,43 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
-import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.common.bus.reporter import HANDED_IN
-from jouleswarm.common.disk.lines import whole_lines
-from jouleswarm.common.disk.lock import LOCK
-from jouleswarm.common.disk.seals import Growing
+from jouleswarm.common.disk.checkpoint import States, clear, owner_of, place_of
 from jouleswarm.common.disk.state import STATE_FILE, Keep, State, Stateful
-from jouleswarm.common.disk.statefile import StateFile
-from jouleswarm.common.errors import RunError
-from jouleswarm.common.host import PROCESSOR
-from jouleswarm.common.meter.counters import KEYS
+from jouleswarm.common.disk.verify import ROWS
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.common.wire.types import Weights
+from jouleswarm.common.wire.types import RowPhase, Weights
 
-_ROWS, _FRAMES, _END = "rounds.jsonl", "frames", "end-"
-_OWN_FILES = (
-    *(f"{STATE_FILE}.[01]", f"{_END}*.[01]", f"{_FRAMES}*.bin", _ROWS),
-    *("counters*", f"*{HANDED_IN}", PROCESSOR, LOCK),
-)
+_FRAMES, _END = "frames", "end-"
 
 
-class Memory:
-    """One state, replaced at the end of each round; without a folder nothing is remembered.
+class Memory(States):
+    """One state, replaced at the end of each round, and how each arm ended where that is kept.
 
     A round is on disk before the next one's weights go out, so that neighbours, who keep a round for who asks again,
-    have what the robot needs when it comes back. The rows and counters beside the state, and the frames, are found as
-    they were, or the state is refused.
+    have what the robot needs when it comes back.
     """
 
     def __init__(self, scenario: Scenario, agent: int, run: str, keep: Keep, meter: Meter) -> None:
-        folder = keep.folder
-        self._folder, self._keep, self._meter = folder, keep, meter
-        self._owner = hashlib.sha256(f"{run} {agent} {scenario.determines}".encode()).hexdigest()
-        self._limits = scenario.federation
-        self._file = None
-        self._growing: dict[str, Growing] = {}
-        if folder is not None:
-            self._file = StateFile(folder / STATE_FILE, self._owner, durable=keep.durable)
-            self._growing = {name: Growing(folder / name) for name in (_ROWS, KEYS)}
-        self._state = self._file.load() if self._file else None
-        if folder is not None and self._state is None and _has_learned(folder / _ROWS):
-            raise RunError(f"{folder}: the robot's state is gone, though its rows are there; begin the run anew")
+        super().__init__(keep.folder, owner_of(scenario, run, agent), durable=keep.durable)
+        self._keep, self._meter, self._limits = keep, meter, scenario.federation
+        # Before a row of an arm's learning a state is saved.
+        self._state = self.get(STATE_FILE, lambda row: row["phase"] == RowPhase.FL)
 
     @property
     def rows(self) -> Path | None:
         """File for the rows of the run log."""
-        return self._folder / _ROWS if self._folder else None
+        return self.folder / ROWS if self.folder else None
 
     def frames(self, arm: str) -> Path | None:
         """File for the frames of an arm's replay memory; all have the same one, unless how they end is kept."""
-        return (
-            self._folder / (f"{_FRAMES}-{arm}.bin" if self._keep.ends else f"{_FRAMES}.bin") if self._folder else None
-        )
+        return self.folder and self.folder / (f"{_FRAMES}-{arm}.bin" if self._keep.ends else f"{_FRAMES}.bin")
 
     def is_past(self, arm: str, arms: tuple[str, ...]) -> bool:
         """Whether the robot was in an arm after `arm` already."""
@@ -77,31 +54,27 @@ class Memory:
 
     def begin(self, arm: str, weights: Weights) -> None:
         """The robot is about to begin an arm."""
-        self._write(arm, 0, {"start": State(dict(weights))})
+        self._save(STATE_FILE, arm, 0, {"start": State(dict(weights))})
 
     def save(self, arm: str, round_: int, kept: Mapping[str, Stateful], *, ended: bool = False) -> None:
         """The robot has done `round_`."""
-        if self._file is not None:
-            states = {name: each.state() for name, each in kept.items()}
-            self._write(arm, round_, {"start": State(), **states}, ended=ended)
+        self._save(STATE_FILE, arm, round_, {"start": State(), **kept}, ended=ended)
 
     @property
     def is_done(self) -> bool:
         """Whether the robot was done with all arms, and nobody needs it any more."""
-        return self._state is not None and "done" in self._place
+        return "done" in self._place
 
     def finish(self) -> None:
         """The robot is done. Its rows and models are kept until the whole run is recorded."""
-        if self._file is not None:
-            now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
-            self._file.save(State.of({"place": State(values={"done": now})}))
+        self.put(STATE_FILE, {"done": datetime.datetime.now().astimezone().isoformat(" ", "seconds")}, {})
 
     @property
     def done_line(self) -> str:
         """For who starts a robot that is done."""
         return (
             f"done since {self._place['done']}: handing in again what it has learned; to learn anew delete "
-            f"{self._folder} or name another --run"
+            f"{self.folder} or name another --run"
         )
 
     def restore(self, arm: str, kept: Mapping[str, Stateful]) -> int:
@@ -109,22 +82,18 @@ class Memory:
         found = self._state if self._is_in(arm) else self._end(arm)
         if found is None or not kept.keys() <= found.values.keys():  # the arm was begun, and no more
             return 0
-        round_ = found.part("place").values["round"]
-        for name, each in kept.items():
-            each.load_state(found.part(name))
-        return int(round_)
+        found.into(kept)
+        return int(place_of(found)["round"])
 
     @property
     def keeps_ends(self) -> bool:
         """Whether how arms end is kept."""
-        return self._folder is not None and self._keep.ends
+        return self.folder is not None and self._keep.ends
 
     def save_end(self, row: RoundRow, kept: Mapping[str, Stateful]) -> None:
         """An arm ends with this row, if only because that is all rounds that there are."""
-        if (file := self._end_file(row.arm)) is not None:
-            states = {name: each.state() for name, each in kept.items()}
-            end = State(values=row.model_dump(mode="json"))
-            self._put(file, row.arm, row.round, {"end": end, **states})
+        if self.keeps_ends:
+            self._save(_END + row.arm, row.arm, row.round, {"end": State(values=row.model_dump(mode="json")), **kept})
 
     def end_of(self, arm: str) -> RoundRow | None:
         """The row that the robot ended `arm` with in a run of fewer rounds, or one that it has not begun again."""
@@ -147,42 +116,22 @@ class Memory:
 
     def clear(self) -> None:
         """The run is over: leave no trace, unless who started this process will see to it."""
-        if self._folder is not None and not self._keep.at_the_end:
-            for path in (path for own in _OWN_FILES for path in self._folder.glob(own)):
-                path.unlink()
-            with contextlib.suppress(OSError):  # somebody else's files are in it, or a volume is mounted there
-                self._folder.rmdir()
+        if self.folder is not None and not self._keep.at_the_end:
+            clear(self.folder, f"{STATE_FILE}.[01]", f"{_END}*.[01]", f"{_FRAMES}*.bin")
 
     def _is_in(self, arm: str) -> bool:
-        return self._state is not None and bool(self._place["arm"] == arm)
+        return bool(self._place.get("arm") == arm)
 
     @property
     def _place(self) -> dict[str, Any]:
-        assert self._state is not None
-        return self._state.part("place").values
+        return {} if self._state is None else place_of(self._state)
 
-    def _write(self, arm: str, round_: int, parts: Mapping[str, State], *, ended: bool = False) -> None:
-        if self._file is not None:
-            self._put(self._file, arm, round_, parts, ended=ended)
-
-    def _put(self, file: StateFile, arm: str, round_: int, parts: Mapping[str, State], *, ended: bool = False) -> None:
-        place = State(values={"arm": arm, "round": round_, "ended": ended})
-        beside = State(files={name: growing.seal() for name, growing in self._growing.items()})
-        file.frames = self.frames(arm)
-        file.save(State.of({**parts, "place": place, "beside": beside}))
+    def _save(
+        self, part: str, arm: str, round_: int, states: Mapping[str, State | Stateful], *, ended: bool = False
+    ) -> None:
+        self.put(part, {"arm": arm, "round": round_, "ended": ended}, states)
         if self._keep.durable:
             self._meter.flush()
 
-    def _end_file(self, arm: str) -> StateFile | None:
-        if self._folder is None or not self._keep.ends:
-            return None
-        return StateFile(self._folder / f"{_END}{arm}", self._owner, durable=self._keep.durable)
-
     def _end(self, arm: str) -> State | None:
-        file = self._end_file(arm)
-        return None if file is None else file.load()
-
-
-def _has_learned(rows: Path) -> bool:
-    """Whether there is a row of an arm's learning, before which a state is saved."""
-    return any(b'"phase":"fl"' in line for line in whole_lines(rows, mend=False))
+        return self.get(_END + arm) if self.keeps_ends else None

@@ -14,10 +14,6 @@ from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_js
 from jouleswarm.common.wire.types import Shapes, Weights
 
 
-def _data_center() -> list[str]:
-    return [topics.DATACENTER]
-
-
 class MetaLink:
     """What the robot's exchange says to and hears from a data center that meta-learns."""
 
@@ -51,7 +47,7 @@ class MetaLink:
         self._exchange.until(
             lambda: bool(due()) or self._wanted_of(method).first > t0,
             lambda: "the data center to ask for experience",
-            whom=_data_center,
+            whom=lambda: [topics.DATACENTER],
         )
         rounds = sorted(due())
         self._again.pop(method, None)
@@ -79,9 +75,9 @@ class MetaLink:
         def what() -> str:
             return "the meta-model"
 
-        self._exchange.until(lambda: arm.name in self._models or gone_by(), what, whom=_data_center)
+        self._exchange.until(lambda: arm.name in self._models or gone_by(), what, whom=lambda: [topics.DATACENTER])
         ask()
-        self._exchange.until(lambda: arm.name in self._models, what, ask, whom=_data_center)
+        self._exchange.until(lambda: arm.name in self._models, what, ask, whom=lambda: [topics.DATACENTER])
         return self._models.pop(arm.name)
 
     def _take_collect(self, message: Message) -> None:

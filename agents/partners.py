@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from jouleswarm.agents.peers import Arrived, Exchange
+from jouleswarm.agents.membership import Arrived
+from jouleswarm.agents.peers import Exchange
 from jouleswarm.agents.served import ServerLink
 from jouleswarm.codecs.codec import share_of
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import Stateful, Together
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.scenario.sections import Federation
 from jouleswarm.common.wire.messages import ModelHeader
@@ -59,13 +60,8 @@ class Partners:
             raise TrainingError(f"method {self._method.name}: mix: {wrong}")
         return mixed
 
-    def state(self) -> State:
-        """See `common.disk.state.Stateful`; the exchange's own is apart."""
-        link = State.of({}) if self._link is None else self._link.state()
-        return State.of({"link": link, "method": self._method.state()})
-
-    def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
-        if self._link is not None:
-            self._link.load_state(state.part("link"))
-        self._method.load_state(state.part("method"))
+    @property
+    def kept(self) -> Stateful:
+        """What is kept of them; the exchange's own is apart."""
+        link = {} if self._link is None else {"link": self._link.kept}
+        return Together({**link, "method": self._method})

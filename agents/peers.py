@@ -7,18 +7,19 @@ topic promises is refused and counted.
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from jouleswarm.agents.membership import Membership, names
+from jouleswarm.agents.membership import Arrived, Membership
 from jouleswarm.codecs.codec import Codec
 from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.bus.bus import Bus, Message
+from jouleswarm.common.bus.rounds import Rounds
 from jouleswarm.common.disk.state import State
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.arms import Arm
@@ -29,9 +30,7 @@ from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, decode_js
 from jouleswarm.common.wire.types import Payload, Shapes, Tensors, Weights
 from jouleswarm.methods.graph import Neighbourhood
 
-log = logging.getLogger("jouleswarm.agent")
-
-Arrived = dict[int, tuple[Weights, ModelHeader]]
+T = TypeVar("T")
 
 
 class Exchange(Membership):
@@ -52,22 +51,20 @@ class Exchange(Membership):
         super().__init__(bus, run, here, settings, federation, rows)
         self._shapes, self.codec = shapes, codec
         self.encoder = WeightsEncoder(self.codec)
-        self._ahead: dict[int, tuple[Tensors, ModelHeader]] = {}
+        self._ahead: Arrived = {}
         self._end_stage = 0
         self.missed: tuple[int, ...] = ()
         self._decoders: dict[int, WeightsDecoder] = {}
-        self._arrived: dict[int, dict[int, tuple[Tensors, ModelHeader]]] = {}  # decoded in the order of rounds
+        self._rounds = Rounds((), self._decoded, self._listener.refuse)
         self._sent: dict[int, bytes] = {}
         self._word_topic = ""
-        self._gathered = 0
-        self._is_back = False
+        self._back_in = 0
         self.may_have_missed = True
         """Whether others may have said something to a robot that is back, for which it asks at once."""
         self.handlers |= {"weights": self._take_weights, "resend": self._take_resend}
 
     @property
     def newest_round(self) -> int:
-        """See `Membership`."""
         return max(self._sent, default=0)
 
     def open_arm(
@@ -79,7 +76,8 @@ class Exchange(Membership):
         """
         run = self.run
         self.here, self._end_stage, self._ahead, self.may_have_missed = here, end_stage, {}, True
-        self.arm, self._arrived, self._sent, self._gathered = arm.name, {}, {}, 0
+        self._back_in = 0  # the first round since this robot is back, of which others may have spoken meanwhile
+        self.arm, self._sent, self._rounds = arm.name, {}, self.rounds(here.neighbours, self._decoded)
         self._identity.rewards = {}
         self.encoder = WeightsEncoder(self.codec)
         self._decoders = {each: self.decoder() for each in here.neighbours}
@@ -108,49 +106,66 @@ class Exchange(Membership):
         Raises:
             RunError: a neighbour is so far ahead that it has been here with this robot.
         """
-        arrived = self._arrived.setdefault(round_, {})
         self._absence.begin()
 
-        def missing() -> list[int]:
-            return [each for each in self.here.neighbours if each not in arrived]
-
         def waited_for() -> list[int]:
-            for each in missing():
+            missing = self._rounds.missing()
+            for each in missing:
                 self._check_stage(each, self._stages.get(each, 0), self._end_stage - 1)
-            return [] if self.ahead else self._absence.waited_for([each for each in missing() if not self._past(each)])
+            return [] if self.ahead else self._absence.waited_for([each for each in missing if not self._past(each)])
 
-        def ask() -> None:
-            for each in missing():
-                topic = topics.resend(self.run, self.arm, self.here.task, each)
-                self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
+        self._rounds.go_to(round_ - 1)
+        self.await_round(round_, waited_for, "round {round} of robots {{}}", topics.resend)
+        self.missed = tuple(self._rounds.missing())
+        return self._rounds.take()
+
+    def await_round(
+        self,
+        round_: int,
+        missing: Callable[[], Sequence[int]],
+        what: str,
+        again: Callable[[str, str, int, int], str],
+    ) -> None:
+        """Wait until no robot's word of a round is `missing`, asked for on the topic `again`; `what`: to say so.
+
+        Raises:
+            RunError: it does not come.
+        """
+
+        def ask(robot: int) -> None:
+            request = encode_json(RoundRequest(first=round_, last=round_))
+            self._bus.publish(again(self.run, self.arm, self.here.task, robot), request)
 
         self.awaited_round = round_
-        self.until(
-            lambda: not waited_for(),
-            lambda: f"round {round_} of robots {missing()}",
-            ask,
-            at_once=self._is_back and self.may_have_missed,
-            whom=lambda: names(waited_for()),
-        )
+        at_once = round_ == self._back_in and self.may_have_missed
+        self._listener.until_none_is(missing, what.format(round=round_), ask, at_once=at_once)
         self.awaited_round = 0
-        self._gathered, self._is_back, self.missed = round_, False, tuple(missing())
-        self._arrived = {each: held for each, held in self._arrived.items() if each > round_}
-        return {each: (self._decoders[each].decode(tensors), header) for each, (tensors, header) in arrived.items()}
 
     @property
     def ahead(self) -> int:
         """The newest round heard of where neighbours have gone on without this robot; 0 if they have not."""
         return max((header.round for _, header in self._ahead.values()), default=0)
 
+    def rounds(self, senders: Iterable[int], opened: Callable[[int, list[Any]], T]) -> Rounds[T]:
+        """What comes from `senders` in the open arm; what does not open is refused as other bad messages are."""
+        return Rounds(senders, opened, self._listener.refuse)
+
+    def _decoded(self, agent: int, word: list[tuple[Tensors, ModelHeader]]) -> tuple[Weights, ModelHeader]:
+        ((tensors, header),) = word
+        return self._decoders[agent].decode(tensors), header
+
     def catch_up(self) -> Weights:
         """The newest model of a neighbour that has gone on; its round is this robot's newest from here on."""
-        self._gathered, newest = self.ahead, max(self._ahead, key=lambda each: self._ahead[each][1].round)
-        (tensors, _), self._ahead, self._arrived = self._ahead[newest], {}, {}
-        return self._decoders[newest].decode(tensors)
+        newest = max(self._ahead, key=lambda each: self._ahead[each][1].round)
+        weights, header = self._ahead[newest]
+        self._decoders[newest].rebase(weights)
+        self._ahead = {}
+        self._rounds.clear(header.round)
+        return weights
 
     def _past(self, agent: int) -> bool:
         """Whether a neighbour will not send this round any more: it has ended, or caught up with a later one."""
-        later = any(agent in held for round_, held in self._arrived.items() if round_ > self._gathered + 1)
+        later = self._rounds.has_of(agent, self._rounds.done + 2)
         return self._absence.is_tolerated and (later or self._stages.get(agent, 0) >= self._end_stage)
 
     def read(self, payload: Payload) -> tuple[Tensors, ModelHeader]:
@@ -179,7 +194,8 @@ class Exchange(Membership):
     def load_state(self, state: State) -> None:
         """Take up what `state` returned, after `open_arm`."""
         self._sent = {int(round_): payload.tobytes() for round_, payload in state.part("said").arrays.items()}
-        self._gathered, self._is_back = max(self._sent, default=0), True
+        self._rounds.go_to(done := max(self._sent, default=0))
+        self._back_in = done + 1
         self._identity.rewards = {int(agent): reward for agent, reward in state.part("start").values.items()}
         self.encoder.load_state(state.part("encoder"))
         for agent, decoder in self._decoders.items():
@@ -197,13 +213,11 @@ class Exchange(Membership):
                 f"samples {header.samples}; expected robot {agent}, task {self.here.task}, its rewards and samples"
             )
         self._absence.here(agent)
-        # A neighbour can be two rounds ahead of what was last gathered, never more; older ones are duplicates.
-        if header.round <= self._gathered or agent in self._arrived.get(header.round, {}):
-            self._listener.repeated(message, self.qos)
-        elif header.round <= self._gathered + 2:
-            self._arrived.setdefault(header.round, {})[agent] = (tensors, header)
-        elif self._absence.is_tolerated:
-            self._ahead[agent] = (tensors, header)
+        if header.round > self._rounds.last:
+            if self._absence.is_tolerated:
+                self._ahead[agent] = self._decoders[agent].decoded(tensors), header
+        elif not self._rounds.put(header.round, agent, (tensors, header)):
+            self.repeated(message)
 
     def _take_resend(self, message: Message) -> None:
         request = decode_json(message.payload, RoundRequest)

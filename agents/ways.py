@@ -15,7 +15,7 @@ from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import stream
-from jouleswarm.common.wire.messages import Episode, ModelHeader
+from jouleswarm.common.wire.messages import Episode, ModelHeader, encode_json
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.learner import Learner, Policy
 from jouleswarm.learning.networks import build_qnetwork
@@ -114,7 +114,7 @@ class ByWeights:
 
     @property
     def kept(self) -> dict[str, Stateful]:
-        return {"learner": self._learner, "partners": self._partners}
+        return {"learner": self._learner, "partners": self._partners.kept}
 
 
 class ByExperience:
@@ -134,7 +134,7 @@ class ByExperience:
     def meet(self, round_: int) -> None:
         agent, ledger = self._here.agent, self._here.ledger
         _, reward = ledger.newest()[agent]
-        self._link.publish_episode(Episode(agent=agent, round=round_, reward=reward))
+        self._here.exchange.publish_round(round_, encode_json(Episode(agent=agent, round=round_, reward=reward)))
         for other, theirs in self._link.await_episodes(round_).items():
             ledger.record(other, round_, theirs)
 
@@ -154,4 +154,4 @@ class ByExperience:
 
     @property
     def kept(self) -> dict[str, Stateful]:
-        return {"policy": self.policy, "link": self._link, "method": self._here.method}
+        return {"policy": self.policy, "link": self._link.kept, "method": self._here.method}

@@ -26,7 +26,7 @@ def count_s(repeats: int = 200_000) -> float:
 
     def count() -> None:
         for _ in range(repeats):
-            meter.delivered(client_id, TOPIC, FRAME_BYTES, FRAME_BYTES + 50)
+            meter.count(client_id, TOPIC, "out", FRAME_BYTES, FRAME_BYTES + 50)
 
     return seconds(count) / repeats
 

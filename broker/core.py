@@ -82,7 +82,7 @@ class SwarmBroker(MessageBroker):
         session.client_id = connect.client_id or gen_client_id()
         session.clean_session, session.keep_alive = connect.clean_session, connect.keepalive_s
         session.username, session.password = connect.username, connect.password
-        session.level, session.will, session.grants = connect.level, connect.will, None
+        session.level, session.will, session.grants, session.filters = connect.level, connect.will, None, set()
         session.ssl_object = connection.get_ssl_info()
         session.is_anonymous = False  # amqtt forgets the persistent sessions of anonymous clients within a second
         return session

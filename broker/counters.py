@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Iterator
 
 from pydantic import BaseModel, ValidationError
 
 from jouleswarm.broker.core import SwarmBroker
 from jouleswarm.broker.meter import by_link
 from jouleswarm.broker.publication import Publication
-from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.broker_counters import (
     PIECE_BYTES,
@@ -19,6 +17,7 @@ from jouleswarm.common.wire.broker_counters import (
     CountersPiece,
     CountersRequest,
 )
+from jouleswarm.common.wire.messages import in_pieces
 
 INTERVAL_S = 1.0
 _ROWS_BYTES = PIECE_BYTES - 100_000  # the rest is for the refusals
@@ -63,7 +62,7 @@ class SnapshotPublisher:
                 piece=number,
                 pieces=len(pieces),
                 metering=meter.enabled,
-                rows=rows,
+                rows=tuple(rows),
                 unmetered=meter.unmetered(asked.run),
                 refusals=meter.refusals.lines(),
             )
@@ -85,17 +84,3 @@ class SnapshotPublisher:
     async def _publish(self, topic: str, told: BaseModel, *, retain: bool = True) -> None:
         payload = memoryview(told.model_dump_json().encode())
         await self._broker.accept(None, Publication(topic, payload, 1), retain=retain)
-
-
-def in_pieces(rows: Iterable[MeterRow], limit_bytes: int) -> Iterator[tuple[MeterRow, ...]]:
-    """Rows in their order, each piece as JSON below a limit; one empty piece where there are none."""
-    piece: list[MeterRow] = []
-    used_bytes = 0
-    for row in rows:
-        row_bytes = len(row.model_dump_json().encode()) + 1
-        if piece and used_bytes + row_bytes > limit_bytes:
-            yield tuple(piece)
-            piece, used_bytes = [], 0
-        piece.append(row)
-        used_bytes += row_bytes
-    yield tuple(piece)

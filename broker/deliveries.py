@@ -125,7 +125,8 @@ class Deliveries:
 
     def _settle(self, delivery: Delivery) -> None:
         if delivery.written is not None:
-            self._meter.acknowledged(self._session.client_id, *delivery.written)
+            topic, *counts = delivery.written
+            self._meter.count(self._session.client_id, topic, "acked", *counts)
         if delivery.publication is not None:
             if not self._session.clean_session:
                 self.kept_bytes -= len(delivery.publication.payload)
@@ -180,10 +181,10 @@ class Deliveries:
                 if forgets:
                     delivery.publication = None
             if written == size:
-                whole = publication.topic, len(publication.payload), size
-                self._meter.delivered(client_id, *whole)
+                payload_bytes = len(publication.payload)
+                self._meter.count(client_id, publication.topic, "out", payload_bytes, size)
                 if delivery is not None:
-                    delivery.written = whole
+                    delivery.written = publication.topic, payload_bytes, size
             else:
                 self._meter.event("aborted_deliveries")
                 self._meter.event("aborted_bytes", written)

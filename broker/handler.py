@@ -13,10 +13,8 @@ from amqtt.mqtt.packet import (
     PUBLISH,
     PUBREC,
     PUBREL,
-    SUBACK,
     SUBSCRIBE,
     UNSUBSCRIBE,
-    MQTTFixedHeader,
 )
 from amqtt.mqtt.protocol.broker_handler import BrokerProtocolHandler
 from amqtt.session import Session
@@ -28,6 +26,7 @@ from jouleswarm.broker.limits import REPLIES, Budget, Limits
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.packets import Packet, parse_packet_id, parse_publish, parse_subscribe, parse_unsubscribe
 from jouleswarm.broker.publication import Publication
+from jouleswarm.common.wire.mqtt import length_bytes, packet_bytes
 
 # What else the first byte of a packet must hold (section 2.2.2).
 _REQUIRED_FLAGS = {
@@ -41,7 +40,7 @@ _REQUIRED_FLAGS = {
     DISCONNECT: 0,
 }
 _PINGRESP = b"\xd0\x00"
-_UNSUBACK = b"\xb0\x02"
+_SUBACK, _UNSUBACK = b"\x90", b"\xb0\x02"
 _PUBACK, _PUBREC, _PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"
 
 
@@ -145,7 +144,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             self.connection.send(_PUBREC + message.packet_id)
         try:
             client_id, size = self.session.client_id, len(message.payload)
-            self._broker.meter.received(client_id, message.topic, size, len(packet.body))
+            self._broker.meter.count(client_id, message.topic, "in", size, packet_bytes(len(packet.body)))
             if message.qos < 2 or packet_id not in taken:
                 await self._broker.accept(self.session, publication, retain=message.retain)
         finally:
@@ -158,8 +157,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
     async def _on_subscribe(self, body: memoryview) -> None:
         packet_id, subscriptions = parse_subscribe(body)
         granted = bytes(self._broker.add_subscription(each, self.session) for each in subscriptions)
-        fixed: bytes = MQTTFixedHeader(SUBACK, 0, 2 + len(granted)).to_bytes()
-        self.connection.send(fixed + packet_id + granted)
+        self.connection.send(_SUBACK + length_bytes(2 + len(granted)) + packet_id + granted)
         for (topic_filter, _), qos in zip(subscriptions, granted, strict=True):
             if qos < 128:
                 if self.deliveries.waiting > INFLIGHT_LIMIT:

@@ -24,31 +24,6 @@ class Retained:
         return fits
 
 
-class Filters:
-    """The topic filters of each client, as many as one may have."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._of: dict[str, set[str]] = {}
-
-    def has_room(self, client_id: str, topic_filter: str) -> bool:
-        """Whether a client may subscribe to one more, or to one again."""
-        filters = self._of.get(client_id, set())
-        return topic_filter in filters or len(filters) < self._limit
-
-    def add(self, client_id: str, topic_filter: str) -> None:
-        """The client has subscribed."""
-        self._of.setdefault(client_id, set()).add(topic_filter)
-
-    def discard(self, client_id: str, topic_filter: str) -> None:
-        """The client has unsubscribed."""
-        self._of.get(client_id, set()).discard(topic_filter)
-
-    def pop(self, client_id: str) -> set[str]:
-        """Forget a client; returns what it was subscribed to."""
-        return self._of.pop(client_id, set())
-
-
 class Away:
     """Persistent sessions whose clients are away, those longest away first, and the bytes kept for each."""
 

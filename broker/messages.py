@@ -13,7 +13,7 @@ from amqtt.session import Session
 
 from jouleswarm.broker.deliveries import Message
 from jouleswarm.broker.handler import ClientHandler
-from jouleswarm.broker.holdings import Away, Filters, Retained
+from jouleswarm.broker.holdings import Away, Retained
 from jouleswarm.broker.limits import OVERHEAD_BYTES, Budget, Limits, Turns
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.packets import Subscription, is_filter
@@ -51,7 +51,6 @@ class MessageBroker(Broker):  # type: ignore[misc]
         self.on_ask: Callable[[bytes], Awaitable[None]] | None = None
         self._routes = Routes(self._subscriptions, self._matches, self._may_receive)
         self._retained = Retained(limits.retained_bytes)
-        self._filters = Filters(limits.subscriptions)
         self._away = Away(limits.offline_sessions, limits.offline_bytes, limits.all_offline_bytes)
 
     # Subscriptions
@@ -59,30 +58,31 @@ class MessageBroker(Broker):  # type: ignore[misc]
     def add_subscription(self, subscription: Subscription, session: Session) -> int:
         """Grant the QoS that is asked for, or 0x80; a filter that is subscribed to again gets the new QoS."""
         topic_filter, qos = subscription
-        client_id = session.client_id
         if session.grants is not None and not session.grants.may_subscribe(topic_filter):
             self.meter.event("refused_not_permitted")
             return REFUSED
         is_served = is_filter(topic_filter) and not topic_filter.startswith(SHARED)
         is_short = len(topic_filter) <= self.limits.name_length
-        if not (is_served and is_short and self._filters.has_room(client_id, topic_filter)):
-            self.meter.refused("refused_subscriptions", f"client {name_of(client_id)}: subscription to {topic_filter}")
+        has_room = topic_filter in session.filters or len(session.filters) < self.limits.subscriptions
+        if not (is_served and is_short and has_room):
+            who = name_of(session.client_id)
+            self.meter.refused("refused_subscriptions", f"client {who}: subscription to {topic_filter}")
             return REFUSED
         self.remove_subscription(topic_filter, session)
         self._subscriptions.setdefault(topic_filter, []).append((session, qos))
-        self._filters.add(client_id, topic_filter)
+        session.filters.add(topic_filter)
         self._routes.forget()
         return qos
 
     def remove_subscription(self, topic_filter: str, session: Session) -> None:
         """Nothing more is queued for the session by this filter."""
-        self._filters.discard(session.client_id, topic_filter)
+        session.filters.discard(topic_filter)
         if self._del_subscription(topic_filter, session) and not self._subscriptions[topic_filter]:
             del self._subscriptions[topic_filter]
         self._routes.forget()
 
     async def _del_all_subscriptions(self, session: Session) -> None:
-        for topic_filter in self._filters.pop(session.client_id):
+        for topic_filter in tuple(session.filters):
             self.remove_subscription(topic_filter, session)
         self._routes.forget()
 

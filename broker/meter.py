@@ -13,7 +13,7 @@ from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.paho_client import name_of
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import Cell, Counters
-from jouleswarm.common.meter.meter import Direction, MeterRow, packet_bytes, rows_of
+from jouleswarm.common.meter.meter import Direction, MeterRow, rows_of
 from jouleswarm.common.wire.topics import ROOT, Link, arm_of, link_of, run_of
 
 logger = logging.getLogger("broker")
@@ -68,20 +68,15 @@ class BrokerMeter:
                 total = self._total(client, topic, direction)  # type: ignore[arg-type]  # it was written as one
                 total.add(counts[1], counts[2], counts[0])
 
-    def received(self, client_id: str, topic: str, payload_bytes: int, remaining_length: int) -> None:
-        """Book a PUBLISH from a client."""
+    def count(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
+        """Book a PUBLISH that was received, written whole to a subscriber, or acknowledged by one."""
         if self.enabled:
-            self._count((client_id, topic, "in"), payload_bytes, packet_bytes(remaining_length))
-
-    def delivered(self, client_id: str, topic: str, payload_bytes: int, packet_size: int) -> None:
-        """Book a PUBLISH that was written whole to a subscriber."""
-        if self.enabled:
-            self._count((client_id, topic, "out"), payload_bytes, packet_size)
-
-    def acknowledged(self, client_id: str, topic: str, payload_bytes: int, packet_size: int) -> None:
-        """Book a delivery at QoS 1 whose receipt the client has told."""
-        if self.enabled:
-            self._count((client_id, topic, "acked"), payload_bytes, packet_size)
+            counters = self._counters.get((client_id, topic, direction))
+            if counters is None:
+                counters = self._new_counters(client_id, topic, direction)
+            for cell in counters:
+                cell.add(payload_bytes, packet_bytes)
+            self.changes += len(counters)
 
     def flush(self) -> None:
         """Have the rows on the disk, if there is a folder."""
@@ -131,14 +126,6 @@ class BrokerMeter:
         """Refusals and the like since the start."""
         with self._lock:
             return dict(self._events)
-
-    def _count(self, what: tuple[str, str, Direction], payload_bytes: int, packet_size: int) -> None:
-        counters = self._counters.get(what)
-        if counters is None:
-            counters = self._new_counters(*what)
-        for cell in counters:
-            cell.add(payload_bytes, packet_size)
-        self.changes += len(counters)
 
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
         if link_of(topic) is None:

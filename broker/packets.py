@@ -8,6 +8,7 @@ from typing import NamedTuple
 from amqtt.mqtt.packet import CONNECT
 
 from jouleswarm.broker.errors import MalformedPacket, NotAccepted
+from jouleswarm.common.wire.mqtt import read_publish
 
 PROTOCOLS = {"MQTT": 4, "MQIsdp": 3}  # name -> level: MQTT 3.1.1, and 3.1, whose packets are the same
 SEPARATORS = 200  # of levels in a topic, as in Mosquitto
@@ -136,18 +137,18 @@ def parse_connect(first: int, body: memoryview) -> Connect:
 def parse_publish(first: int, body: memoryview) -> Publish:
     """Take a PUBLISH packet apart (MQTT 3.1.1, section 3.3); the payload is not copied."""
     qos = first >> 1 & 3
-    topic_end = 2 + int.from_bytes(body[:2], "big")
-    start = topic_end + (2 if qos else 0)
-    if qos == 3 or start > len(body) or len(body) < 2:
-        raise MalformedPacket(f"PUBLISH with QoS {qos} and a topic that ends at byte {start} of {len(body)}")
-    if qos and not any(body[topic_end:start]):
+    try:
+        name, packet_id, payload = read_publish(first, body)
+    except ValueError as error:
+        raise MalformedPacket(str(error)) from error
+    if qos and not any(packet_id):
         raise MalformedPacket("PUBLISH with packet identifier 0")
     if not qos and first & 8:
         raise MalformedPacket("PUBLISH with QoS 0 and DUP")
-    topic = decode_text(bytes(body[2:topic_end]), "PUBLISH")
+    topic = decode_text(name, "PUBLISH")
     if not is_topic(topic):
         raise MalformedPacket(f"PUBLISH on topic {topic!r}, which cannot be published on")
-    return Publish(topic, bytes(body[topic_end:start]), body[start:], qos, bool(first & 1))
+    return Publish(topic, packet_id, payload, qos, bool(first & 1))
 
 
 def parse_subscribe(body: memoryview) -> tuple[bytes, list[Subscription]]:

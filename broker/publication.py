@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from amqtt.mqtt.packet import PUBLISH, MQTTFixedHeader
-
 from jouleswarm.broker.limits import OVERHEAD_BYTES, Budget
+from jouleswarm.common.wire.mqtt import publish_head
 
 
 class Publication:
@@ -15,11 +14,10 @@ class Publication:
     def __init__(
         self, topic: str, payload: memoryview, qos: int, budget: Budget | None = None, cost_bytes: int = 0
     ) -> None:
-        topic_bytes = topic.encode()
         self.topic = topic
         self.payload = payload
         self.qos = qos
-        self._topic_bytes = len(topic_bytes).to_bytes(2, "big") + topic_bytes
+        self._topic_bytes = topic.encode()
         self._budget = budget
         self._cost_bytes = cost_bytes
         self._holders = 1
@@ -43,8 +41,4 @@ class Publication:
 
     def header(self, qos: int, packet_id: int, *, dup: bool, retain: bool) -> bytes:
         """Everything of the PUBLISH packet before the payload (MQTT 3.1.1, section 3.3); QoS 0 has no identifier."""
-        identifier = packet_id.to_bytes(2, "big") if qos else b""
-        flags = dup << 3 | qos << 1 | retain
-        length = len(self._topic_bytes) + len(identifier) + len(self.payload)
-        fixed: bytes = MQTTFixedHeader(PUBLISH, flags, length).to_bytes()
-        return fixed + self._topic_bytes + identifier
+        return publish_head(self._topic_bytes, len(self.payload), qos, packet_id, dup=dup, retain=retain)

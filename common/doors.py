@@ -61,6 +61,9 @@ SHIPPED: dict[Kind, dict[str, str]] = {
     "prices": {
         "literal": "jouleswarm.energy.literal:literal",
         "published": "jouleswarm.energy.published:published",
+        "distance": "jouleswarm.energy.distance:distance",
+        "frames": "jouleswarm.energy.frames:frames",
+        "radio_states": "jouleswarm.energy.radio_states:radio_states",
     },
 }
 

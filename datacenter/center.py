@@ -16,7 +16,8 @@ from jouleswarm.common.bus.identity import Identity
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.bus.reporter import Reporter
-from jouleswarm.common.disk.state import NOTHING, Keep, State
+from jouleswarm.common.disk.checkpoint import owner_of
+from jouleswarm.common.disk.state import NOTHING, Keep, State, Together
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.host import arithmetic
 from jouleswarm.common.meter.joules import Activity
@@ -27,7 +28,7 @@ from jouleswarm.common.wire.messages import ModelHeader, Presence, decode_json
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import encode_saved_model
 from jouleswarm.common.wire.types import RowPhase, Weights
-from jouleswarm.datacenter.checkpoint import Checkpoint, forget, owner_of
+from jouleswarm.datacenter.checkpoint import Checkpoint, forget
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk
 from jouleswarm.datacenter.collector import Collector
 from jouleswarm.datacenter.experience import Motion, TrainingExperience
@@ -109,7 +110,7 @@ class DataCenter:
         stage, experience = make.stage(scenario), TrainingExperience(scenario, checkpoint.folder)
         stage.tally = partial(self.bus.meter.tally, RowPhase.ML, method)
         collector = Collector(self.listener, scenario, self.run, method)
-        training = Training(stage, experience)
+        training = Together({"stage": stage, "experience": Together(experience.kept)})
         done, models = checkpoint.restore(training), checkpoint.models()
         collector.join(done)
         beta = stage.beta() if scenario.energy.beta == "measured" else None
@@ -132,7 +133,7 @@ class DataCenter:
                     models[round_] = WeightsEncoder(codec_of(scenario)).payload(weights, header)
                     checkpoint.keep_model(round_, models[round_])
             self._report(method, round_, gradients, motions, collector.refused, time.monotonic() - begun, beta)
-            checkpoint.save(round_, training.state())
+            checkpoint.save(round_, training)
 
         for t0, arm in arms.items():
             self.bus.publish(topics.meta_model(self.run, arm.name), models[t0], qos=scenario.bus.qos)
@@ -163,7 +164,7 @@ class DataCenter:
         desk = ClusterDesk(self.listener, scenario, self.run, arm.name, service, done=opened + 1)
         for task in scenario.clusters:
             if found := checkpoint.load(f"task-{task}"):
-                service.load_state(task, found[1].part("service"))
+                found[1].into(service.kept(task))
                 desk.load_state(task, found[1].part("desk"), may_have_missed=not checkpoint.was_finished)
         desk.listen()
         # Robots wait for this: what they sent up before there was anybody to hear it would be lost.
@@ -187,7 +188,7 @@ class DataCenter:
                 )
                 self.reporter.row(row)
             if checkpoint.folder is not None:
-                state = State.of({"service": service.state(turn.task), "desk": desk.state(turn.task)})
+                state = State.of({**service.kept(turn.task), "desk": desk.state(turn.task)})
                 checkpoint.save(turn.round, state, f"task-{turn.task}")
             # Robots forget a round's experience when they have its model.
             desk.send(turn.task)
@@ -220,22 +221,6 @@ class DataCenter:
                 seconds=round(seconds / len(gradients), 4),
             )
             self.reporter.row(row)
-
-
-class Training:
-    """A stage and what it has learned from: what a checkpoint holds of it."""
-
-    def __init__(self, stage: Stage, experience: TrainingExperience) -> None:
-        self._stage, self._experience = stage, experience
-
-    def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
-        return State.of({"stage": self._stage.state(), "experience": self._experience.state()})
-
-    def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
-        self._stage.load_state(state.part("stage"))
-        self._experience.load_state(state.part("experience"))
 
 
 def hear_presence(message: Message, listener: Listener, identity: Identity) -> None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
-
 from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.bus.patience import left_behind
+from jouleswarm.common.bus.rounds import Rounds
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import RoundRequest, decode_json, encode_json
+from jouleswarm.common.wire.names import clients_of
 from jouleswarm.datacenter.experience import Motion, read_motion
-from jouleswarm.datacenter.inbox import Desk, names
+from jouleswarm.datacenter.inbox import Desk
 
 
 class Collector(Desk):
@@ -23,9 +24,10 @@ class Collector(Desk):
         self._codec = experience_codec_of(scenario)
         self._ready = 2 * scenario.arm_names.index(method) + 1
         self._training = {agent: task for task, agents in scenario.training_agents.items() for agent in agents}
-        self._motions: dict[int, dict[int, dict[int, Motion]]] = {}  # round -> robot -> motion -> Motion
+        self._rounds: Rounds[list[Motion]] = Rounds(
+            self._training, lambda _, motions: motions, listener.refuse, scenario.motions, scenario.meta.t0
+        )
         self._asked_for_model: dict[tuple[str, int], None] = {}  # in the order of asking, each once
-        self._collected = 0
         self.subscriptions += [
             *(topics.experience(run, method, task, agent) for agent, task in self._training.items()),
             *(topics.meta_resend(run, arm.name) for arm in scenario.arms if arm.method == method),
@@ -33,7 +35,7 @@ class Collector(Desk):
 
     def join(self, collected: int) -> None:
         """Listen; rounds up to `collected` are in hand already."""
-        self._collected = collected
+        self._rounds.go_to(collected)
         self.listen()
 
     def announce_wanted(self, first: int, last: int) -> None:
@@ -47,19 +49,22 @@ class Collector(Desk):
         Raises:
             RunError: a robot is past this method's stage.
         """
-        asked = itertools.count(1)
-        self._listener.until(
-            lambda: not self._missing(round_),
-            lambda: f"round {round_} of robots {self._missing(round_)}",
-            lambda: self._ask_again(round_, self._missing(round_), begun_only=next(asked) == 1),
-            whom=lambda: names(self._missing(round_)),
-        )
-        self._collected = round_
-        arrived = self._motions.pop(round_, {})
+        waited_for: set[int] = set()
+
+        def ask(agent: int) -> None:
+            # A robot that has not come yet will hear of the wanted rounds when it does. One that has, but of whose
+            # round nothing has come, may just be slow; or it sent the round to a data center that died, or while this
+            # one was cut off, and will not send it again unasked.
+            if self._stages[agent] >= 0:
+                if agent in waited_for or self._rounds.has_of(agent, round_):
+                    topic = topics.collect_again(self._run, self._arm, self._training[agent], agent)
+                    self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
+                waited_for.add(agent)
+
+        self._listener.until_none_is(self._missing, f"round {round_} of robots {{}}", ask)
+        arrived = self._rounds.take()
         return {
-            task: [
-                [arrived[agent][motion] for motion in sorted(arrived[agent])] for agent in agents if agent in arrived
-            ]
+            task: [arrived[agent] for agent in agents if agent in arrived]
             for task, agents in self._scenario.training_agents.items()
         }
 
@@ -68,28 +73,19 @@ class Collector(Desk):
         self._listener.until(
             lambda: bool(self._asked_for_model) or self.all_reached(self._ready),
             lambda: f"robots {self.behind(self._ready)} to take the meta-model",
-            whom=lambda: names(self.behind(self._ready)),
+            whom=lambda: clients_of(self.behind(self._ready)),
         )
         asked, self._asked_for_model = self._asked_for_model, {}
         return list(asked) or None
 
-    def _missing(self, round_: int) -> list[int]:
-        arrived = self._motions.get(round_, {})
-        behind = [agent for agent in self._training if len(arrived.get(agent, {})) < self._scenario.motions(agent)]
-        for agent in behind:
+    def _missing(self) -> list[int]:
+        round_, missing = self._rounds.done + 1, self._rounds.missing()
+        for agent in missing:
             if self._stages[agent] >= self._ready:
-                raise self.left_behind(f"robot {agent}", "past meta-learning", f"round {round_} of it")
+                here = f"round {round_} of it"
+                raise left_behind(f"robot {agent}", "past meta-learning", "the data center", here, self._run)
         # A task that nothing has ever been heard of cannot be learned: that first round is waited for.
-        return [agent for agent in behind if round_ == 1 or not self.is_left_out(agent)]
-
-    def _ask_again(self, round_: int, agents: list[int], *, begun_only: bool) -> None:
-        # A robot that has not come yet will hear of the wanted rounds when it does. One that has, but of whose round
-        # nothing has come, may just be slow; or it sent the round to a data center that died, or while this
-        # one was cut off, and will not send it again unasked.
-        for agent in agents:
-            if self._stages[agent] >= 0 and (not begun_only or self._motions.get(round_, {}).get(agent)):
-                topic = topics.collect_again(self._run, self._arm, self._training[agent], agent)
-                self._bus.publish(topic, encode_json(RoundRequest(first=round_, last=round_)))
+        return [agent for agent in missing if round_ == 1 or not self.is_left_out(agent)]
 
     def take(self, message: Message) -> None:
         kind = message.topic.rsplit("/", 1)[-1]
@@ -110,14 +106,5 @@ class Collector(Desk):
             raise PayloadError(
                 f"experience of robot {header.agent}, task {header.task}; expected robot {agent}, task {task}"
             )
-        motions, t0 = self._scenario.motions(header.agent), self._scenario.meta.t0
-        if header.motion >= motions or header.round > min(self._collected + 2, t0):
-            raise PayloadError(
-                f"experience of round {header.round}, motion {header.motion}; expected rounds up to "
-                f"{min(self._collected + 2, t0)} and motions below {motions}"
-            )
-        arrived = self._motions.get(header.round, {}).get(header.agent, {})
-        if header.round <= self._collected or header.motion in arrived:
+        if not self._rounds.put(header.round, header.agent, read, header.motion):
             self.repeated(message)
-        else:
-            self._motions.setdefault(header.round, {}).setdefault(header.agent, {})[header.motion] = read

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from jouleswarm.codecs.codec import Codec
 from jouleswarm.codecs.observations import decode_experience
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import State, Stateful
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import MotionHeader
@@ -90,7 +90,6 @@ class Walks:
         return State(frames, {"newest": self._newest, "held": headers})
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._newest = state.values["newest"]
         self._held = {
             int(agent): Motion(state.arrays[agent], MotionHeader.model_validate(header))
@@ -122,13 +121,8 @@ class TrainingExperience:
         if motions:
             self._walks[motions[0].header.agent].remember(motions)
 
-    def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
-        replays = {f"replay-{agent}": held.state() for agent, held in self._memories.items()}
-        return State.of({**replays, **{f"walks-{agent}": held.state() for agent, held in self._walks.items()}})
-
-    def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
-        for agent, held in self._memories.items():
-            held.load_state(state.part(f"replay-{agent}"))
-            self._walks[agent].load_state(state.part(f"walks-{agent}"))
+    @property
+    def kept(self) -> dict[str, Stateful]:
+        """What is kept of it after a round."""
+        replays = {f"replay-{agent}": held for agent, held in self._memories.items()}
+        return {**replays, **{f"walks-{agent}": held for agent, held in self._walks.items()}}

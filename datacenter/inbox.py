@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
 
 from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
-from jouleswarm.common.errors import PayloadError, RunError
+from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, Wait, decode_json
 
 log = logging.getLogger("jouleswarm.datacenter")
-
-
-def names(agents: Iterable[int]) -> list[str]:
-    """Plain names of robots on the bus."""
-    return [f"agent-{agent}" for agent in agents]
 
 
 class Desk:
@@ -56,13 +50,6 @@ class Desk:
         Raises:
             RunError: it is further than it can be with this data center.
         """
-
-    def left_behind(self, who: str, there: str, here: str) -> RunError:
-        """A robot is further than it can be with this data center."""
-        return RunError(
-            f"{who} is {there} already, and the data center comes with {here}: its state is lost or of another time; "
-            f"give it the --state folder that it had in run {self._run}, or start all with an empty one"
-        )
 
     def leave(self) -> None:
         """Hear nothing more."""

@@ -10,7 +10,7 @@ from jouleswarm.codecs.codec import codec_of
 from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.observations import experience_codec_of
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
-from jouleswarm.common.disk.state import State
+from jouleswarm.common.disk.state import KeptTensors, Stateful
 from jouleswarm.common.errors import PayloadError, TrainingError
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.arms import Arm
@@ -27,7 +27,7 @@ from jouleswarm.methods.contract import read_only, unfit
 from jouleswarm.methods.ledger import RewardLedger
 from jouleswarm.methods.method import ClusterRound, Method, Update
 
-Arrived = tuple[Tensors, ModelHeader]
+Arrived = tuple[Weights, ModelHeader]
 
 
 def service_of(scenario: Scenario, arm: Arm, folder: Path | None = None, tally: TallyOf = nobody) -> Service[Any]:
@@ -58,13 +58,12 @@ class WeightsService:
         self._ledgers = {task: RewardLedger(cluster, 1, window) for task, cluster in scenario.clusters.items()}
         self._encoders = {task: WeightsEncoder(self._codec) for task in scenario.clusters}
         self._decoders = {agent: WeightsDecoder(self._codec, self._shapes) for agent in scenario.agents}
-        self._untold: dict[int, Weights] = {}
+        self._untold = {task: KeptTensors() for task in scenario.clusters}
 
     def messages(self, agent: int) -> int:
-        """See `datacenter.cluster_rounds.Service`."""
         return 1
 
-    def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Arrived]:
+    def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, tuple[Tensors, ModelHeader]]:
         """A robot's weights of a round, not decoded yet: that is done in the order of rounds.
 
         Raises:
@@ -78,9 +77,13 @@ class WeightsService:
             )
         return header.round, 0, (tensors, header)
 
+    def opened(self, agent: int, contents: list[tuple[Tensors, ModelHeader]]) -> Arrived:
+        ((tensors, header),) = contents
+        return self._decoders[agent].decode(tensors), header
+
     def model(self, turn: Turn[Arrived]) -> tuple[bytes, int]:
         """The cluster's model as payload, and the batch gradients that it took."""
-        arrived = {agent: parts[0] for agent, parts in sorted(turn.arrived.items())}
+        arrived = dict(sorted(turn.arrived.items()))
         headers, ledger = [header for _, header in arrived.values()], self._ledgers[turn.task]
         for header in headers:
             ledger.merge(header.rewards)
@@ -93,39 +96,33 @@ class WeightsService:
             rewards=ledger.newest(),
         )
         updates = {
-            agent: Update(read_only(self._decoders[agent].decode(tensors)), theirs.samples, turn.round)
-            for agent, (tensors, theirs) in arrived.items()
+            agent: Update(read_only(weights), theirs.samples, turn.round)
+            for agent, (weights, theirs) in arrived.items()
         }
         batches = sum(map(self._scenario.batches, updates))
         round_ = ClusterRound(turn.task, turn.round, updates, batches=batches)
         model, gradients = served(self._methods[turn.task], round_, self._shapes)
         return self._told(turn.task, model, header, list(arrived)), gradients
 
-    def state(self, task: int) -> State:
-        """See `datacenter.cluster_rounds.Service`."""
-        decoders = {f"decoder-{agent}": self._decoders[agent].state() for agent in self._clusters[task]}
-        untold, method = State(dict(self._untold.get(task, {}))), self._methods[task].state()
-        ledger, encoder = self._ledgers[task].state(), self._encoders[task].state()
-        return State.of({"ledger": ledger, "encoder": encoder, "untold": untold, "method": method, **decoders})
-
-    def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_rounds.Service`."""
-        self._ledgers[task].load_state(state.part("ledger"))
-        self._encoders[task].load_state(state.part("encoder"))
-        self._methods[task].load_state(state.part("method"))
-        if untold := state.part("untold").arrays:
-            self._untold[task] = untold
-        for agent in self._clusters[task]:
-            self._decoders[agent].load_state(state.part(f"decoder-{agent}"))
+    def kept(self, task: int) -> dict[str, Stateful]:
+        decoders = {f"decoder-{agent}": self._decoders[agent] for agent in self._clusters[task]}
+        untold, ledger = self._untold[task], self._ledgers[task]
+        own: dict[str, Stateful] = {
+            "ledger": ledger,
+            "encoder": self._encoders[task],
+            "untold": untold,
+            "method": self._methods[task],
+        }
+        return {**own, **decoders}
 
     def _told(self, task: int, model: Weights, header: ModelHeader, robots: Sequence[int]) -> bytes:
         """The message that brings a cluster's robots to `model`, or as near as it can."""
         encoder = self._encoders[task]
-        if untold := self._untold.get(task):
+        if untold := self._untold[task]:
             model = {name: tensor + untold[name] for name, tensor in model.items()}
         payload = encoder.payload(model, header, len(robots))
         if not self._codec.lossless:
-            self._untold[task] = {name: tensor - encoder.public[name] for name, tensor in model.items()}
+            untold.update({name: tensor - encoder.public[name] for name, tensor in model.items()})
         for agent in robots:
             self._decoders[agent].rebase(encoder.public)
         return payload
@@ -147,7 +144,6 @@ class ExperienceService:
         self._shapes: Shapes = shapes_of(build_qnetwork(scenario))
 
     def messages(self, agent: int) -> int:
-        """See `datacenter.cluster_rounds.Service`."""
         return self._scenario.motions(agent)
 
     def read(self, payload: Payload, task: int, agent: int) -> tuple[int, int, Motion]:
@@ -164,7 +160,10 @@ class ExperienceService:
             )
         return header.round, header.motion, motion
 
-    def model(self, turn: Turn[Motion]) -> tuple[bytes, int]:
+    def opened(self, agent: int, contents: list[Motion]) -> list[Motion]:
+        return contents
+
+    def model(self, turn: Turn[list[Motion]]) -> tuple[bytes, int]:
         """The task's model after this round's steps as payload, and the batch gradients computed."""
         learner = self._learners[turn.task]
         for _, motions in sorted(turn.arrived.items()):
@@ -176,19 +175,9 @@ class ExperienceService:
             model, ModelHeader(task=turn.task, agent=0, round=turn.round)
         ), gradients
 
-    def state(self, task: int) -> State:
-        """See `datacenter.cluster_rounds.Service`."""
-        learner, walks, encoder = self._learners[task], self._walks[task], self._encoders[task]
-        method = self._methods[task].state()
-        parts = {"learner": learner.state(), "walks": walks.state(), "encoder": encoder.state(), "method": method}
-        return State.of(parts)
-
-    def load_state(self, task: int, state: State) -> None:
-        """See `datacenter.cluster_rounds.Service`."""
-        self._learners[task].load_state(state.part("learner"))
-        self._walks[task].load_state(state.part("walks"))
-        self._encoders[task].load_state(state.part("encoder"))
-        self._methods[task].load_state(state.part("method"))
+    def kept(self, task: int) -> dict[str, Stateful]:
+        learner, walks = self._learners[task], self._walks[task]
+        return {"learner": learner, "walks": walks, "encoder": self._encoders[task], "method": self._methods[task]}
 
     def _learner(self, task: int) -> Learner:
         scenario = self._scenario

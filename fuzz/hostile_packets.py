@@ -6,20 +6,12 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-
-def varint(length: int) -> bytes:
-    """Remaining length (section 2.2.3)."""
-    digits = bytearray()
-    while True:
-        length, digit = divmod(length, 128)
-        digits.append(digit | (128 if length else 0))
-        if not length:
-            return bytes(digits)
+from jouleswarm.common.wire.mqtt import length_bytes
 
 
 def packet(first: int, body: bytes = b"") -> bytes:
     """A whole packet."""
-    return bytes([first]) + varint(len(body)) + body
+    return bytes([first]) + length_bytes(len(body)) + body
 
 
 def text(value: str | bytes) -> bytes:

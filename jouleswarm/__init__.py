@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jouleswarm.api import Run as Run
+    from jouleswarm.api import bill as bill
     from jouleswarm.api import run as run
     from jouleswarm.energy.literal import literal as literal
     from jouleswarm.learning.qnetwork import QNetwork as QNetwork
     from jouleswarm.methods.method import Method as Method
 
 _HOMES = {
+    "bill": "jouleswarm.api",
     "run": "jouleswarm.api",
     "Run": "jouleswarm.api",
     "Method": "jouleswarm.methods.method",

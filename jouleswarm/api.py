@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
@@ -15,6 +15,7 @@ from rich.console import Console
 from jouleswarm.common.disk.lock import is_held
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.meter import MeterRow
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
@@ -23,14 +24,15 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, is_whole, price, price_lists
 from jouleswarm.energy.repricing import reprice
 from jouleswarm.fleet.deploy import RESTARTS, Options, new_run_id, run_deployment
+from jouleswarm.report.calculated import calculate
 from jouleswarm.report.view import View
 from jouleswarm.runs.run import Run as RunData
 from jouleswarm.runs.run import load_run
 
 _NOTHING: Mapping[str, object] = MappingProxyType({})
 _SELDOM = (
-    *("downlink_robots", "acting_robots", "evaluating_robots", "waiting_robots", "waiting_datacenter"),
-    *("other_datacenter", "other_robots", "untold"),
+    *("uplink_datacenter", "downlink_robots", "acting_robots", "evaluating_robots"),
+    *("waiting_robots", "waiting_datacenter", "other_datacenter", "other_robots", "untold"),
 )
 """Causes that a bill has only where a price list has joules of them."""
 
@@ -81,6 +83,34 @@ def run(
     )
     console = Console(quiet=not show)
     return Run(run_deployment(settings, run_id or new_run_id(settings), Path(out), console, started))
+
+
+def bill(
+    counts: str | Path | Mapping[str, Any] | Iterable[Mapping[str, Any]] | None = None,
+    *,
+    energy: str | Path | None = None,
+    set: Mapping[str, object] = _NOTHING,
+    prices: str | PriceList | None = None,
+    **what: float | Mapping[int, float],
+) -> pd.DataFrame:
+    """The bill of an experiment of your own, as `Run.bill` has it: `bill(rounds=120, robots=10, model_bytes=2.4e6)`.
+
+    Args:
+        counts: a file, or what it would hold: rows as dicts, or a dict as `what`, with the arms' own under `arms`.
+        energy: a TOML file with [energy], and [[robots]] where they differ; default the paper's Table I.
+        set: energy.key -> value, changes of that.
+        prices: a list's name, as `energy.prices` has it, or a list itself; default the first of `energy.prices`.
+        what: number, or task -> number, by the words of `jouleswarm bill --example`.
+
+    Raises:
+        ConfigurationError: something cannot be: one line that says what and where.
+    """
+    if (counts is None) == (not what):
+        raise ConfigurationError("bill: expected counts, or what was done by name, and not both")
+    changes = [*set.items(), *([("energy.prices", [prices])] if isinstance(prices, str) else [])]
+    found = calculate(what if counts is None else counts, None if energy is None else Path(energy), changes)
+    chosen = price_lists(found.tariff)[0] if prices is None or isinstance(prices, str) else prices
+    return _bills({arm: _row(chosen, facts, found.tariff.energy) for arm, facts in found.facts.items()})
 
 
 class Run:
@@ -151,18 +181,8 @@ class Run:
         scenario, _ = reprice(data.scenario, changes, str(self.path))
         if isinstance(prices, str):
             prices = held[prices] if prices in held else price_lists(scenario)[0]
-        rows = {arm: _row(prices, facts, scenario) for arm, facts in data.facts.items()}
-        columns = [
-            column
-            for column in next(iter(rows.values()))
-            if column[1] not in _SELDOM or any(row[column] for row in rows.values())
-        ]
-        return pd.DataFrame(
-            [[row[column] for column in columns] for row in rows.values()],
-            index=pd.Index(list(rows), name="arm"),
-            columns=pd.MultiIndex.from_tuples(columns, names=["phase", "cause"]),
-            dtype=float,
-        )
+        rows = {arm: _row(prices, facts, scenario.energy) for arm, facts in data.facts.items()}
+        return _bills(rows)
 
     def _read(self) -> RunData:
         if self._data.status != "complete":
@@ -170,9 +190,24 @@ class Run:
         return self._data
 
 
-def _row(prices: PriceList, facts: Facts, scenario: Scenario) -> dict[tuple[str, str], float | None]:
+def _bills(rows: Mapping[str, Mapping[tuple[str, str], float | None]]) -> pd.DataFrame:
+    """A row an arm; causes that are seldom only where there are joules of them."""
+    columns = [
+        column
+        for column in next(iter(rows.values()))
+        if column[1] not in _SELDOM or any(row[column] for row in rows.values())
+    ]
+    return pd.DataFrame(
+        [[row[column] for column in columns] for row in rows.values()],
+        index=pd.Index(list(rows), name="arm"),
+        columns=pd.MultiIndex.from_tuples(columns, names=["phase", "cause"]),
+        dtype=float,
+    )
+
+
+def _row(prices: PriceList, facts: Facts, energy: Energy) -> dict[tuple[str, str], float | None]:
     """(phase, cause) -> joules of one arm."""
-    bill, whole = price(prices, facts, scenario.energy), is_whole(prices, facts)
+    bill, whole = price(prices, facts, energy), is_whole(prices, facts)
     row: dict[tuple[str, str], float | None] = {}
     for phase, cost in (("ml", (bill or Bill()).ml), ("fl", (bill or Bill()).fl)):
         for cause, joules in asdict(cost).items():

@@ -101,7 +101,7 @@ def test_a_list_is_named_as_in_a_scenario_or_given_itself(done: Run, tmp_path: P
     )
     monkeypatch.chdir(tmp_path)
     pd.testing.assert_frame_equal(done.bill("mine:Mine"), done.bill())
-    with pytest.raises(ConfigurationError, match="price list 'litteral': expected literal, published or module:name"):
+    with pytest.raises(ConfigurationError, match="price list 'litteral': expected distance, frames, literal, "):
         done.bill("litteral")
 
 

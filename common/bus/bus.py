@@ -5,12 +5,12 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from jouleswarm.common.errors import MessageTooLargeError
-from jouleswarm.common.meter.meter import Meter, publish_body_bytes, publish_packet_bytes
+from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.wire.mqtt import publish_body_bytes
 from jouleswarm.common.wire.types import Payload
 
 
@@ -85,13 +85,13 @@ class MemoryHub:
     def route(self, client: str, message: Message, qos: int, retain: bool) -> None:
         """Deliver to every client with a matching subscription, and keep retained messages."""
         with self._lock:
-            self._book(self.meter.count, client, message, "in", qos)
+            self.meter.publish(client, message.topic, "in", len(message.payload), qos)
             if retain:
                 self._retained[message.topic] = Message(message.topic, message.payload, retained=True)
             for name, bus in self._clients.items():
                 granted = bus.granted_qos(message.topic)
                 if granted is not None:
-                    self._book(self.meter.count, name, message, "out", min(qos, granted))
+                    self.meter.publish(name, message.topic, "out", len(message.payload), min(qos, granted))
                     bus.deliver(message, min(qos, granted))
 
     def deliver_retained(self, bus: MemoryBus, filter_: str, qos: int) -> None:
@@ -99,13 +99,8 @@ class MemoryHub:
         with self._lock:
             for message in self._retained.values():
                 if matches(filter_, message.topic) and len(message.payload):
-                    self._book(self.meter.count, bus.client, message, "out", qos)
+                    self.meter.publish(bus.client, message.topic, "out", len(message.payload), qos)
                     bus.deliver(message, qos)
-
-    @staticmethod
-    def _book(count: Callable[..., None], client: str, message: Message, direction: str, qos: int) -> None:
-        size = len(message.payload)
-        count(client, message.topic, direction, size, publish_packet_bytes(message.topic, size, qos))
 
 
 class MemoryBus:
@@ -132,7 +127,7 @@ class MemoryBus:
         size, limit_bytes = len(payload), self._hub.limit_bytes
         if limit_bytes is not None and (body_bytes := publish_body_bytes(topic, size, qos)) > limit_bytes:
             raise MessageTooLargeError(f"message of {body_bytes} bytes on {topic}: the hub takes at most {limit_bytes}")
-        self.meter.count(self.client, topic, "out", size, publish_packet_bytes(topic, size, qos))
+        self.meter.publish(self.client, topic, "out", size, qos)
         self._hub.route(self.client, Message(topic, payload), qos, retain)
 
     def receive(self, timeout_s: float | None = None) -> Message | None:
@@ -153,8 +148,7 @@ class MemoryBus:
 
     def deliver(self, message: Message, qos: int) -> None:
         """Called by the hub, from any thread."""
-        size = len(message.payload)
-        self.meter.count(self.client, message.topic, "in", size, publish_packet_bytes(message.topic, size, qos))
+        self.meter.publish(self.client, message.topic, "in", len(message.payload), qos)
         self._inbox.put(message)
 
 

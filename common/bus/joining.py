@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from jouleswarm.common.allocator import keep_freed_memory
 from jouleswarm.common.bus.credentials import credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import Lock
-from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.errors import usable
 from jouleswarm.common.host import same_arithmetic
 from jouleswarm.common.meter.meter import Meter
+from jouleswarm.common.options import Started
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
@@ -21,21 +20,10 @@ from jouleswarm.common.wire.messages import Presence, encode_json
 from jouleswarm.common.wire.names import client_of
 
 
-@dataclass(frozen=True)
-class Begun:
-    """What a process was started with, beside its scenario."""
-
-    broker: str
-    keys: Path | None
-    run: str | None
-    keep: Keep
-    other_processor: bool
-
-
 def join(
     scenario: Scenario,
     agent: int,
-    begun: Begun,
+    started: Started,
     arithmetic: Callable[[], str],
     verify: Callable[[Path], None] = lambda folder: None,
 ) -> tuple[str, MqttBus]:
@@ -44,7 +32,7 @@ def join(
     Args:
         scenario: of the run.
         agent: which process this is.
-        begun: what it was started with.
+        started: what it was started with.
         arithmetic: what it computes on; asked once it computes in one thread.
         verify: looks through the folder before anything else is done with it.
 
@@ -54,20 +42,20 @@ def join(
         BrokerUnreachableError: no broker answered in time.
         RunError: what the folder holds is not as it was written.
     """
-    state, client = begun.keep.folder, client_of(agent)
+    state, client = started.state, client_of(agent)
     if state is not None:
         Lock(state, f"robot {agent}" if agent else "data center")  # until the process ends
         verify(state)
     use_one_thread()
-    same_arithmetic(state, arithmetic(), other_processor=begun.other_processor)
+    same_arithmetic(state, arithmetic(), other_processor=started.other_processor)
     keep_freed_memory()
-    name, task = topics.run_name(begun.run or scenario.name), scenario.task_of(agent) if agent else 0
+    name, task = topics.run_name(started.run or scenario.name), scenario.task_of(agent) if agent else 0
     with usable("--state", state):
         meter = Meter("client", state)
     bus = MqttBus.connect(
-        begun.broker,
+        started.broker,
         client,
-        credentials=credentials_of(begun.keys, client),
+        credentials=credentials_of(started.keys, client),
         will=(topics.presence(name, task, agent), encode_json(Presence(agent=agent, state="gone"))),
         keepalive_s=scenario.bus.keepalive_s,
         connect_timeout_s=scenario.bus.connect_timeout_s,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from jouleswarm.common.bus.bus import Bus, Message
 from jouleswarm.common.bus.patience import Patience
 from jouleswarm.common.errors import PayloadError
-from jouleswarm.common.meter.meter import publish_packet_bytes
+from jouleswarm.common.wire.names import clients_of
 
 log = logging.getLogger("jouleswarm.bus")
 
@@ -39,9 +39,13 @@ class Listener:
             with energy.during("communication"):
                 self.handlers.get(message.topic.rsplit("/", 1)[-1], self.otherwise)(message)
         except PayloadError as error:
-            self.refused += 1
-            log.warning("refused a message on %s: %s", message.topic, error)
+            self.refuse(f"a message on {message.topic}", error)
         return True
+
+    def refuse(self, what: str, error: PayloadError) -> None:
+        """Count something that cannot be used, and go on."""
+        self.refused += 1
+        log.warning("refused %s: %s", what, error)
 
     def take_waiting(self) -> None:
         """Take all that has come."""
@@ -50,9 +54,29 @@ class Listener:
 
     def repeated(self, message: Message, qos: int) -> None:
         """Book a message that had come before: sent again because somebody or something failed."""
-        size = len(message.payload)
-        packet_size = publish_packet_bytes(message.topic, size, qos)
-        self.bus.meter.count(self.bus.client, message.topic, "repeated", size, packet_size)
+        self.bus.meter.publish(self.bus.client, message.topic, "repeated", len(message.payload), qos)
+
+    def until_none_is(
+        self,
+        missing: Callable[[], Sequence[int]],
+        what: str,
+        ask: Callable[[int], None] = lambda robot: None,
+        *,
+        at_once: bool = False,
+    ) -> None:
+        """Take messages until no robot is `missing`, and `ask` each that is again; `what`: of them, with {}."""
+
+        def ask_again() -> None:
+            for robot in missing():
+                ask(robot)
+
+        self.until(
+            lambda: not missing(),
+            lambda: what.format(list(missing())),
+            ask_again,
+            at_once=at_once,
+            whom=lambda: clients_of(missing()),
+        )
 
     def until(
         self,

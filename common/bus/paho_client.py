@@ -23,11 +23,12 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from jouleswarm.common.bus.reading_client import ReadingClient
 from jouleswarm.common.bus.suspects import Suspects
+from jouleswarm.common.wire.mqtt import PUBLISH, publish_head
 
 logger = logging.getLogger("bus")
 
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
-_PUBLISH, _DISCONNECT = 0x30, 0xE0
+_DISCONNECT = 0xE0
 _INCARNATION = re.compile(r"\.[0-9a-f]{8}$")
 
 OnTransfer = Callable[[str, int, int], None]
@@ -78,12 +79,9 @@ class FastClient(ReadingClient):
     ) -> MQTTErrorCode:
         if not self.is_open:
             return MQTTErrorCode.MQTT_ERR_NO_CONN
-        identifier = mid.to_bytes(2, "big") if qos else b""
-        header = bytearray((_PUBLISH | dup << 3 | qos << 1 | retain,))
-        self._pack_remaining_length(header, 2 + len(topic) + len(identifier) + len(payload))
-        header += len(topic).to_bytes(2, "big") + topic + identifier
-        packet: Any = _Parts(header, payload, topic)
-        return self._packet_queue(_PUBLISH, packet, mid, qos, info)
+        head = publish_head(topic, len(payload), qos, mid, dup=dup, retain=retain)
+        packet: Any = _Parts(head, payload, topic)
+        return self._packet_queue(PUBLISH, packet, mid, qos, info)
 
     def _packet_write(self) -> MQTTErrorCode:
         while self._out_packet:
@@ -181,7 +179,7 @@ class FastClient(ReadingClient):
 class _Parts:
     """A PUBLISH packet in paho's queue: header and payload side by side, never joined."""
 
-    def __init__(self, header: bytearray, payload: bytes | bytearray, topic: bytes) -> None:
+    def __init__(self, header: bytes, payload: bytes | bytearray, topic: bytes) -> None:
         self.header, self.payload, self.name = header, memoryview(payload), topic.decode()
 
     def __len__(self) -> int:

@@ -22,6 +22,14 @@ def _nowhere(client: str) -> tuple[int, int]:
     return 0, 0
 
 
+def left_behind(who: str, there: str, me: str, here: str, run: str) -> RunError:
+    """Somebody is further than it can be with this process."""
+    return RunError(
+        f"{who} is {there} already, and {me} comes with {here}: its state is lost or of another time; give it the "
+        f"--state folder that it had in run {run}, or start all with an empty one"
+    )
+
+
 class Patience:
     """What a process knows of those that it waits for, and tells those that wait for it."""
 

@@ -15,12 +15,11 @@ from paho.mqtt.exception import MalformedPacket
 
 from jouleswarm.common.bus.backlog import BacklogClient
 from jouleswarm.common.bus.refusals import TLS_ALERT, TlsAnswerError
-from jouleswarm.common.meter.meter import packet_bytes
+from jouleswarm.common.wire.mqtt import PUBLISH, packet_bytes, read_publish
 
 logger = logging.getLogger("bus")
 
 PAUSE_S = 1.0  # between two looks whether there is room for what comes
-_PUBLISH = 0x30
 
 
 class ReadingClient(BacklogClient):
@@ -109,24 +108,25 @@ class ReadingClient(BacklogClient):
         return True
 
     def _handle(self, first: int, body: memoryview) -> MQTTErrorCode:
-        if first & 0xF0 != _PUBLISH:
+        if first & 0xF0 != PUBLISH:
             self._in_packet["command"] = first
             self._in_packet["packet"] = bytearray(body)
             self._in_packet["remaining_length"] = len(body)
             return self._packet_handle()
-        qos = first >> 1 & 3
-        topic_end = 2 + int.from_bytes(body[:2], "big")
-        start = topic_end + (2 if qos else 0)
-        if len(body) < start or qos > 1:
+        try:
+            topic, packet_id, payload = read_publish(first, body)
+        except ValueError:
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+        if first & 4:  # QoS 2, which nothing here subscribes at
             return MQTTErrorCode.MQTT_ERR_PROTOCOL
         try:
-            topic = bytes(body[2:topic_end]).decode()
+            name = topic.decode()
         except UnicodeDecodeError:
-            logger.warning("ignored a message whose topic is not UTF-8: %r", bytes(body[2:topic_end]))
+            logger.warning("ignored a message whose topic is not UTF-8: %r", topic)
         else:
-            self.on_received(topic, body[start:].toreadonly(), bool(first & 1), packet_bytes(len(body)))
-        if qos:
-            return self._send_puback(int.from_bytes(body[topic_end:start], "big"))
+            self.on_received(name, payload.toreadonly(), bool(first & 1), packet_bytes(len(body)))
+        if packet_id:
+            return self._send_puback(int.from_bytes(packet_id, "big"))
         return MQTTErrorCode.MQTT_ERR_SUCCESS
 
     def _heard(self) -> None:

@@ -26,7 +26,15 @@ from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
 from jouleswarm.common.wire import topics
-from jouleswarm.common.wire.messages import MAX_COUNT, Acknowledgement, Count, Presence, decode_json, encode_json
+from jouleswarm.common.wire.messages import (
+    MAX_COUNT,
+    Acknowledgement,
+    Count,
+    Presence,
+    decode_json,
+    encode_json,
+    in_pieces,
+)
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import Payload
@@ -172,7 +180,8 @@ class Reporter:
     def _pieces(self) -> Iterator[MeterReport]:
         """The report: counters and work first, then the rows as they are read."""
         client, meter, token = self._bus.client, self._bus.meter, secrets.token_hex(8)
-        pieces = _cut(chain(meter.rows(), meter.work(client), meter.joules(client), _once(self._told)))
+        told = chain(meter.rows(), meter.work(client), meter.joules(client), _once(self._told))
+        pieces = in_pieces(told, PIECE_BYTES)
         for number, (held, after) in enumerate(pairwise(chain(pieces, (None,))), start=1):
             rows = {name: [row for row in held or () if isinstance(row, kind)] for name, kind in _KINDS.items()}
             yield MeterReport.model_validate(
@@ -207,20 +216,6 @@ class Reporter:
 
 Row = MeterRow | WorkRow | JoulesRow | RoundRow
 _KINDS: dict[str, type[Row]] = {"rows": MeterRow, "work": WorkRow, "joules": JoulesRow, "rounds": RoundRow}
-
-
-def _cut(rows: Iterable[Row]) -> Iterator[list[Row]]:
-    """Rows in lists of PIECE_BYTES as JSON at most, or of one row; one list at least."""
-    held: list[Row] = []
-    size_bytes = 0
-    for row in rows:
-        row_bytes = len(row.model_dump_json()) + 1
-        if held and size_bytes + row_bytes > PIECE_BYTES:
-            yield held
-            held, size_bytes = [], 0
-        held.append(row)
-        size_bytes += row_bytes
-    yield held
 
 
 def _once(told: Callable[[], Iterable[bytes]]) -> Iterator[RoundRow]:

@@ -9,13 +9,11 @@ from pydantic import ValidationError
 from jouleswarm.common.bus.address import BrokerAddress
 from jouleswarm.common.bus.suspects import CONNECTIONS
 from jouleswarm.common.errors import MessageTooLargeError
-from jouleswarm.common.meter.meter import publish_body_bytes
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.broker_counters import BrokerLimits
+from jouleswarm.common.wire.mqtt import MAX_LENGTH, publish_body_bytes
 
 logger = logging.getLogger("bus")
-
-MQTT_LIMIT_BYTES = 268_435_455  # of a remaining length (MQTT 3.1.1, section 2.2.3)
 
 
 class SizeLimit:
@@ -39,7 +37,7 @@ class SizeLimit:
         Raises:
             MessageTooLargeError: it does not.
         """
-        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self.told_bytes or MQTT_LIMIT_BYTES
+        size_bytes, limit_bytes = publish_body_bytes(topic, payload_bytes, qos), self.told_bytes or MAX_LENGTH
         if size_bytes > limit_bytes:
             raise MessageTooLargeError(
                 f"message of {size_bytes} bytes on {topic}: broker {self._address} takes at most {limit_bytes}; "

@@ -23,12 +23,13 @@ class State:
     """What the state relies on beside it, by name as seen from its folder; every part knows of all."""
 
     @classmethod
-    def of(cls, parts: Mapping[str, State]) -> State:
-        """Parts put together; `part` takes them out again."""
+    def of(cls, parts: Mapping[str, State | Stateful]) -> State:
+        """Parts put together; `part` and `into` take them out again."""
+        states = {name: part if isinstance(part, State) else part.state() for name, part in parts.items()}
         return cls(
-            {f"{name}/{key}": array for name, part in parts.items() for key, array in part.arrays.items()},
-            {name: part.values for name, part in parts.items()},
-            {name: seal for part in parts.values() for name, seal in part.files.items()},
+            {f"{name}/{key}": array for name, part in states.items() for key, array in part.arrays.items()},
+            {name: part.values for name, part in states.items()},
+            {name: seal for part in states.values() for name, seal in part.files.items()},
         )
 
     def part(self, name: str) -> State:
@@ -36,6 +37,11 @@ class State:
         start = f"{name}/"
         arrays = {key.removeprefix(start): array for key, array in self.arrays.items() if key.startswith(start)}
         return State(arrays, self.values[name], self.files)
+
+    def into(self, parts: Mapping[str, Stateful]) -> None:
+        """Have each of the parts take up its own."""
+        for name, each in parts.items():
+            each.load_state(self.part(name))
 
 
 class Stateful(Protocol):
@@ -46,6 +52,29 @@ class Stateful(Protocol):
 
     def load_state(self, state: State) -> None:
         """Take up what `state` returned."""
+
+
+@dataclass(frozen=True)
+class Together:
+    """Parts with a state each, as one."""
+
+    parts: Mapping[str, Stateful]
+
+    def state(self) -> State:
+        return State.of(self.parts)
+
+    def load_state(self, state: State) -> None:
+        state.into(self.parts)
+
+
+class KeptTensors(dict[str, Array]):
+    """Tensors by name with a state."""
+
+    def state(self) -> State:
+        return State(dict(self))
+
+    def load_state(self, state: State) -> None:
+        self.update(state.arrays)
 
 
 STATE_FILE = "state"

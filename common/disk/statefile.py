@@ -32,17 +32,16 @@ class StateFile:
     write to the disk each time.
     """
 
-    def __init__(self, path: Path, owner: str | None, frames: Path | None = None, *, durable: bool = False) -> None:
+    def __init__(self, path: Path, owner: str | None, *, durable: bool = False) -> None:
         """
         Args:
             path: of the files, without their endings .0 and .1.
             owner: names the scenario and process; another owner's state is refused. None: anybody's, only to read.
-            frames: a file mapped into memory that belongs to the state (see `learning.replay`).
             durable: have all on the disk when `save` returns. Else the kernel has it: that a process is killed loses
                 nothing, but a power failure may.
         """
         self._paths = [path.with_name(f"{path.name}.{number}") for number in (0, 1)]
-        self._owner, self.frames, self._durable = owner, frames, durable
+        self._owner, self._durable = owner, durable
         self._written: int | None = None
         if owner is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,8 +64,6 @@ class StateFile:
         content = safetensors.numpy.save(arrays | sums, metadata=metadata)
         path, number = self._paths[self._written % 2], self._written + 1
         try:
-            if self._durable and self.frames is not None and self.frames.exists():
-                sync(self.frames)
             if number == 1:
                 self._paths[1].write_bytes(_head(_WRITING, 2))  # so that it is missed when it has gone
             self._write(path, number, content)

@@ -1,7 +1,4 @@
-"""Byte counters, the same on both sides of the bus, and beside a client's those of its work: facts only, never prices.
-
-MQTT packet bytes follow MQTT 3.1.1 section 2.2: 1 + len(varint(remaining_length)) + remaining_length.
-"""
+"""Byte counters, the same on both sides of the bus, and of a client's work: facts only, never prices."""
 
 from __future__ import annotations
 
@@ -19,6 +16,7 @@ from jouleswarm.common.meter.joules import JOULES, Clock, JouleMeter, JoulesRow,
 from jouleswarm.common.meter.power import gpu, processor, told
 from jouleswarm.common.meter.work import EVALUATION, WORK, Phase, Tally, WorkRow, work_keys, work_rows
 from jouleswarm.common.scenario.measure import Measure
+from jouleswarm.common.wire.mqtt import publish_packet_bytes
 from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
 
 Direction = Literal["in", "out", "acked", "repeated"]
@@ -85,6 +83,10 @@ class Meter:
             return
         with self._lock:
             self._counters.cell((client, topic, direction)).add(payload_bytes, packet_bytes)
+
+    def publish(self, client: str, topic: str, direction: Direction, payload_bytes: int, qos: int) -> None:
+        """Book the PUBLISH packet that carries so many bytes at this QoS."""
+        self.count(client, topic, direction, payload_bytes, publish_packet_bytes(topic, payload_bytes, qos))
 
     def rows(self) -> list[MeterRow]:
         """The counters as rows, in a stable order."""
@@ -154,24 +156,6 @@ def read_work(client: str, folder: Path) -> list[WorkRow]:
 def read_joules(client: str, folder: Path) -> list[JoulesRow]:
     """What a process that may have been killed has measured."""
     return joules_rows(client, sorted(read_counters(folder).items()))
-
-
-def publish_packet_bytes(topic: str, payload_bytes: int, qos: int) -> int:
-    """Size of the PUBLISH packet that carries `payload_bytes` on `topic` (MQTT 3.1.1, section 3.3)."""
-    return packet_bytes(publish_body_bytes(topic, payload_bytes, qos))
-
-
-def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
-    """Its remaining length: what brokers have a limit for."""
-    return 2 + len(topic.encode()) + (2 if qos > 0 else 0) + payload_bytes
-
-
-def packet_bytes(remaining_length: int) -> int:
-    """Size of a whole packet from its remaining length (MQTT 3.1.1, section 2.2.3)."""
-    varint = 1
-    while remaining_length >= 128**varint:
-        varint += 1
-    return 1 + varint + remaining_length
 
 
 def received(rows: Iterable[MeterRow], side: Side) -> list[MeterRow]:

@@ -22,6 +22,7 @@ from jouleswarm.common.scenario.bounds import (
     Watts,
 )
 from jouleswarm.common.scenario.links import DATA_CENTER, LinkConstants, Links, missing
+from jouleswarm.common.scenario.radio import Distance, Frames, Place, RadioStates
 from jouleswarm.common.scenario.robots import OwnConstants, Robot
 from jouleswarm.common.scenario.sections import Section, each_once
 from jouleswarm.common.scenario.uncertain import Uncertain
@@ -34,8 +35,9 @@ class Energy(Section):
         ("literal", "published"),
         min_length=1,
         max_length=20,
-        description="price lists: literal (the equations), published (what the printed totals come to a round), or "
-        "module:Class, a list of one's own (see docs/doors.md)",
+        description="price lists: literal (the equations), published (what the printed totals come to a round), "
+        "distance, frames, radio_states (models of links, see docs/radio.md), or module:Class, a list of one's own "
+        "(see docs/doors.md)",
     )
     p0_w: Watts = Field(590.0, description="P_0, data center power")
     t0_batch_s: BatchSeconds = Field(0.020, description="T_0, data center time of one batch gradient")
@@ -79,6 +81,9 @@ class Energy(Section):
         description="constants that are not known exactly, by name: KEY = {low = 1, high = 2} in place of a number "
         "does the same; with likely, triangular; with shape = 'loguniform', so in the logarithm",
     )
+    distance: Distance = Distance()
+    frames: Frames = Frames()
+    radio_states: RadioStates = RadioStates()
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
 
@@ -112,6 +117,7 @@ class Energy(Section):
 
     _own: dict[int, OwnConstants] = PrivateAttr(default_factory=dict)
     _links: Links | None = PrivateAttr(None)
+    _places: dict[int, Place] = PrivateAttr(default_factory=dict)
 
     def for_fleet(self, robots: Iterable[Robot], links: Links | None) -> Self:
         """The same with what robots and links have of their own.
@@ -120,8 +126,10 @@ class Energy(Section):
             ConfigurationError: a robot is of a kind that there is not.
         """
         other = self.model_copy()
-        other._own = {}
+        other._own, other._places = {}, {}
         for robot in robots:
+            if robot.position_m is not None:
+                other._places[robot.id] = robot.position_m
             kind = self.kinds.get(robot.kind) if robot.kind is not None else OwnConstants()
             if kind is None:
                 known = ", ".join(self.kinds) or "one of energy.kinds, which is empty"
@@ -145,6 +153,39 @@ class Energy(Section):
         if "g_per_kwh" in own:
             own["robots_g_per_kwh"] = own.pop("g_per_kwh")
         return self.model_copy(update=own)
+
+    def place(self, node: int) -> Place:
+        """Where a robot, or 0 the base station, stands, in metres.
+
+        Raises:
+            ConfigurationError: the scenario does not tell.
+        """
+        if node == DATA_CENTER:
+            if self.distance.base_station_m is None:
+                raise ConfigurationError("price list distance: expected energy.distance.base_station_m = [x, y]")
+            return self.distance.base_station_m
+        if node in self._places:
+            return self._places[node]
+        if self.distance.row_spacing_m is None:
+            raise ConfigurationError(
+                f"price list distance: robot {node} has no position, expected position_m in its [[robots]], or "
+                "energy.distance.row_spacing_m for robots in a row"
+            )
+        return (node - 1) * self.distance.row_spacing_m, 0.0
+
+    def check_places(self, robots: Iterable[int]) -> None:
+        """See that all stand somewhere, and no two at one place.
+
+        Raises:
+            ConfigurationError: which one does not.
+        """
+        taken: dict[Place, str] = {self.place(DATA_CENTER): "the base station"}
+        for robot in robots:
+            if (other := taken.setdefault(self.place(robot), f"robot {robot}")) != f"robot {robot}":
+                x, y = self.place(robot)
+                raise ConfigurationError(
+                    f"price list distance: robot {robot} and {other} are both at ({x:g}, {y:g}) m, expected two places"
+                )
 
     def link(self, sender: int, receiver: int) -> LinkConstants:
         """The constants of a link, by the numbers of its ends; 0 is the data center.

@@ -103,6 +103,8 @@ class Furnished(Crew):
         path = self.links_path
         links = None if path is None else read_links(path, self.agents)
         vars(self)["energy"] = self.energy.for_fleet(self.robots, links)
+        if "distance" in self.energy.prices:
+            self.energy.check_places(self.agents)
 
     def open(self, kind: Kind, name: str) -> Any:
         """What goes by a name of the scenario's (see `common.doors.enter`), the same however its file changes."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -12,11 +11,10 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.bounds import BitRate, Efficiency, Joules, Loss
 from jouleswarm.common.scenario.sections import Section
+from jouleswarm.common.scenario.tables import first_error, table_lines
 
 DATA_CENTER = 0
 """In place of a robot's number."""
-
-_MOST_BYTES = 16 * 2**20
 
 
 def _number(cell: object) -> object:
@@ -63,15 +61,12 @@ def read_links(path: Path, robots: Collection[int]) -> dict[tuple[int, int], Lin
             there twice.
     """
     links: dict[tuple[int, int], LinkConstants] = {}
-    for number, cells in _lines(path):
+    for number, cells in table_lines(path, "energy.links", ("from", "to", "bit_per_j")):
         where = f"energy.links {path}, line {number}"
         try:
             line = _Line.model_validate(cells)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            column = "".join(f"{level}: " for level in first["loc"])
-            got = f", got {first['input']!r:.60}" if column else ""
-            raise ConfigurationError(f"{where}: {column}{first['msg'].removeprefix('Value error, ')}{got}") from None
+            raise ConfigurationError(f"{where}: {first_error(error)}") from None
         ends = line.sender, line.receiver
         if unknown := [end for end in (*ends, line.via or DATA_CENTER) if end != DATA_CENTER and end not in robots]:
             raise ConfigurationError(f"{where}: robot {unknown[0]} does not exist, expected one of {_told(robots)}")
@@ -92,24 +87,6 @@ def missing(links: Links, sender: int, receiver: int) -> ConfigurationError:
         f"energy.links: no line for the link {_way((sender, receiver))}, which carried messages; expected one of "
         f"{len(links)} lines to be it"
     )
-
-
-def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigurationError(f"energy.links {path}: over {_MOST_BYTES} bytes, expected a table of links")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"energy.links {path}: cannot be read ({error})") from error
-    reader = csv.DictReader(text.splitlines(), restkey="more columns than the first line names")
-    needed = ("from", "to", "bit_per_j")
-    if not set(needed) <= set(reader.fieldnames or ()):
-        got = ",".join(reader.fieldnames or ())
-        raise ConfigurationError(
-            f"energy.links {path}: its first line is {got!r:.80}, expected {','.join(needed)}, ..."
-        )
-    for cells in reader:
-        yield reader.line_num, {column: cell.strip() for column, cell in cells.items() if cell and cell.strip()}
 
 
 def _way(ends: tuple[int, int]) -> str:

@@ -48,7 +48,7 @@ def load_scenario(given: str | Path | Mapping[str, Any], overrides: Iterable[Ove
         elif path.suffix == ".json":
             folder /= DOORS
     for override in overrides:
-        _apply(data, override)
+        apply_override(data, override)
     return scenario_from(data, where, folder, interface)
 
 
@@ -85,10 +85,10 @@ def scenario_path(path: str | Path) -> Path:
 
 
 def energy_file(path: Path | None) -> list[Override]:
-    """The constants of a TOML file's table [energy], as overrides of a scenario; of no file none.
+    """The constants of a TOML file's tables [energy] and [[robots]], as overrides of a scenario; of no file none.
 
     Raises:
-        ConfigurationError: it cannot be read, or has something else than that table; the values are not looked at.
+        ConfigurationError: it cannot be read, or has something else than these tables; the values are not looked at.
     """
     if path is None:
         return []
@@ -98,11 +98,12 @@ def energy_file(path: Path | None) -> list[Override]:
         raise ConfigurationError(f"energy file {path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
         raise ConfigurationError(f"energy file {path}: not valid TOML: {error}") from error
-    if set(held) != {"energy"} or not isinstance(held["energy"], dict):
+    if not set(held) <= {"energy", "robots"} or not isinstance(held.get("energy", {}), dict):
         raise ConfigurationError(
-            f"energy file {path}: has {_short(list(held))}, expected a table [energy] and nothing else"
+            f"energy file {path}: has {_short(list(held))}, expected tables [energy] and [[robots]] and nothing else"
         )
-    return [(f"energy.{key}", value) for key, value in held["energy"].items()]
+    robots: list[Override] = [("robots", held["robots"])] if "robots" in held else []
+    return [*((f"energy.{key}", value) for key, value in held.get("energy", {}).items()), *robots]
 
 
 def with_prices(
@@ -121,11 +122,11 @@ def with_prices(
     """
     data: dict[str, Any] = {"energy": scenario.energy.model_dump(mode="json")}
     for override in overrides:
-        _apply(data, override)
+        apply_override(data, override)
     try:
         return scenario.at(Energy.model_validate(data["energy"]), prices_folder)
     except ValidationError as error:
-        raise ConfigurationError(f"scenario {where}: {_one_line(error, 'energy.')}") from error
+        raise ConfigurationError(f"scenario {where}: {one_line(error, 'energy.')}") from error
 
 
 def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str) -> Scenario:
@@ -136,7 +137,7 @@ def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str
     """
     data = scenario.model_dump(mode="json")
     for override in overrides:
-        _apply(data, override)
+        apply_override(data, override)
     changed = scenario_from(data, where, scenario.folder)
     changed.known.extend(scenario.known)
     return changed
@@ -160,7 +161,7 @@ def scenario_from(
         known = None if interface is None else Interface.model_validate(interface)
         scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
-        raise ConfigurationError(f"scenario {where}: {_one_line(error)}") from error
+        raise ConfigurationError(f"scenario {where}: {one_line(error)}") from error
     if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun
         raise ConfigurationError(f"scenario {where}: {misfit}")
     try:
@@ -172,7 +173,12 @@ def scenario_from(
     return scenario
 
 
-def _apply(data: dict[str, Any], override: Override) -> None:
+def apply_override(data: dict[str, Any], override: Override) -> None:
+    """Change what a scenario's file holds.
+
+    Raises:
+        ConfigurationError: it is no `section.key=value`, or its section is none.
+    """
     told = override if isinstance(override, str) else "=".join(map(str, override))
     shown = repr(told) if len(told) <= 80 else repr(told[:77]) + "..."
     key, equals, text = told.partition("=")
@@ -195,7 +201,8 @@ def _value(text: str, shown: str) -> Any:
         raise ConfigurationError(f"override {shown}: {error}") from error
 
 
-def _one_line(error: ValidationError, within: str = "") -> str:
+def one_line(error: ValidationError, within: str = "") -> str:
+    """All that is wrong; `within` stands before each place."""
     parts = []
     for item in error.errors(include_url=False):
         where = within + ".".join(str(level) for level in item["loc"])

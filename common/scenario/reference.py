@@ -57,13 +57,19 @@ def reference() -> str:
         if (model := section_of(field.annotation)) is None:
             continue
         title = f"[[{name}]]" if model is not field.annotation else f"[{name}]"
-        doc = inspect.cleandoc(model.__doc__ or "")
-        parts.append(
-            f"## `{title}`\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema['$defs'][model.__name__], schema))}"
-        )
+        parts.append(_section(title, model, schema))
+        for inner, within in model.model_fields.items():
+            if (part := section_of(within.annotation)) is not None:
+                named = ".NAME" if part is not within.annotation else ""
+                parts.append(_section(f"[{name}.{inner}{named}]", part, schema))
     factory: Any = factory_of(LANDMARKS, None)
     parts += [_own(f"[{name}]", model) for name, model in factory.sections.items()]
     return "\n".join([*parts, _own("[[tasks]]", factory.task)])
+
+
+def _section(title: str, model: type[BaseModel], schema: Schema) -> str:
+    doc = inspect.cleandoc(model.__doc__ or "")
+    return f"## `{title}`\n\n{doc}\n\n{TABLE}{''.join(_rows(model, schema['$defs'][model.__name__], schema))}"
 
 
 def _own(title: str, model: type[BaseModel]) -> str:

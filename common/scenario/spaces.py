@@ -102,11 +102,6 @@ class Interface(BaseModel):
         """Numbers in each tensor."""
         return [math.prod(shape) for _, shape in self.tensors]
 
-    @property
-    def head_entries(self) -> list[int]:
-        """Numbers in each tensor of the head, which every training task may have a copy of."""
-        return self.entries[len(self.tensors) - self.head :]
-
 
 def shipped_build(observation: Observation) -> str:
     """The network that is taken where a scenario names none."""

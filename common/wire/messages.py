@@ -8,6 +8,7 @@ Headers are padded to a fixed size: a robot's payload is as long in round 9 as i
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
@@ -161,3 +162,17 @@ def decode_json(payload: Payload, kind: type[MessageT], limit_bytes: int = MAX_H
         return kind.model_validate_json(bytes(payload))
     except ValidationError as error:
         raise PayloadError(f"{kind.__name__}: {first_reason(error)}") from error
+
+
+def in_pieces(rows: Iterable[MessageT], limit_bytes: int) -> Iterator[list[MessageT]]:
+    """Rows in their order, in lists of `limit_bytes` as JSON at most, or of one row; one list at least."""
+    piece: list[MessageT] = []
+    used_bytes = 0
+    for row in rows:
+        row_bytes = len(row.model_dump_json().encode()) + 1
+        if piece and used_bytes + row_bytes > limit_bytes:
+            yield piece
+            piece, used_bytes = [], 0
+        piece.append(row)
+        used_bytes += row_bytes
+    yield piece

@@ -10,7 +10,7 @@ import numpy as np
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.tensorfile import decode_tensors, encode_tensors
-from jouleswarm.common.wire.types import Array, Layout, Payload, Shapes, Tensors, Weights
+from jouleswarm.common.wire.types import Array, Layout, Payload, Tensors
 
 PLAIN = "float32"
 """The codec of a model whose header names none."""
@@ -27,24 +27,14 @@ def encode_model(tensors: Mapping[str, Array], header: ModelHeader, robots: int 
     return encode_tensors(tensors, header, 320 + 48 * max(robots, len(header.rewards)))
 
 
-def decode_model(payload: Payload, shapes: Shapes) -> tuple[Weights, ModelHeader]:
-    """Read a float32 model and check it against the expected tensors.
-
-    Raises:
-        PayloadError: not a safetensors file, another schema, other names, shapes or dtype, or values that are not
-            finite or beyond `MAX_WEIGHT`.
-    """
-    layout = {name: ("F32", tuple(shape)) for name, shape in shapes.items()}
-    return read_tensors(payload, [layout], PLAIN, lambda tensors, _: check_floats(tensors))
-
-
 def read_tensors(
     payload: Payload, layouts: Sequence[Layout], codec: str, check: Callable[[Tensors, ModelHeader], None]
 ) -> tuple[Tensors, ModelHeader]:
     """A model's tensors as the codec of this name left them, in one of `layouts` and checked by `check`.
 
     Raises:
-        PayloadError: as `decode_model`, or another codec's, or what `check` raises, with the sender named.
+        PayloadError: not a safetensors file, another schema, other names, shapes or dtypes, another codec's, or what
+            `check` raises, with the sender named.
     """
     tensors, header = decode_tensors(payload, layouts, ModelHeader, f"model in {codec}")
     try:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import typer
 
+from jouleswarm.cli.bill import bill
 from jouleswarm.cli.calibrate import calibrate
 from jouleswarm.cli.chaos import chaos
 from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.keys import keys
 from jouleswarm.cli.report import audit, report
-from jouleswarm.cli.run import record, run
+from jouleswarm.cli.run import record, run, validate
 from jouleswarm.cli.study import study
 
 app = typer.Typer(
@@ -19,7 +20,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
 )
-for command in (run, record, report, calibrate, chaos, audit):
+for command in (run, validate, record, report, bill, calibrate, chaos, audit):
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(study, name="study")

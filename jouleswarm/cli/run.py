@@ -54,6 +54,12 @@ def run(
         typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
     ] = False,
     other_processor: OtherProcessorOption = False,
+    dry: Annotated[
+        bool, typer.Option("--dry", help="Run nothing: print what it will cost, by the closed form, and how long.")
+    ] = False,
+    rounds: Annotated[
+        int | None, typer.Option(min=1, help="With --dry: rounds of each task, beside federation.max_rounds.")
+    ] = None,
     keep_state: Annotated[
         bool,
         typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
@@ -72,6 +78,11 @@ def run(
     started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
+    if scenario is not None and dry:
+        validate(scenario, seed, set_, energy, rounds)
+        return
+    if dry or rounds is not None:
+        raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
     if scenario is None:
         assert resume is not None
         if seed is not None or run_id is not None or energy is not None or measure:
@@ -82,6 +93,25 @@ def run(
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
     _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
+
+
+def validate(
+    scenario: ScenarioFile,
+    seed: Seed = None,
+    set_: SetOption = None,
+    energy: EnergyFile = None,
+    rounds: Annotated[
+        int | None, typer.Option(min=1, help="Rounds of each task, beside federation.max_rounds.")
+    ] = None,
+) -> None:
+    """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
+    from jouleswarm.common.scenario.reading import energy_file, load_scenario
+    from jouleswarm.fleet.trial import try_out
+    from jouleswarm.report.foretold import print_foretold
+
+    settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
+    try_out(settings)
+    print_foretold(settings, rounds)
 
 
 def record(

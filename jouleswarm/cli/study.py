@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from jouleswarm.cli.options import EnergyOption
+from jouleswarm.cli.options import EnergyOption, ScenarioFile
 from jouleswarm.common.options import SetOption
 from jouleswarm.studies.names import STUDIES, StudyName
 
@@ -69,6 +69,21 @@ def tables(
     from jouleswarm.studies.run import make_tables, reprice
 
     _list(reprice(results_directory, set_ or [], out) if set_ or out else make_tables(results_directory))
+
+
+@study.command()
+def distance(
+    scenario: ScenarioFile = Path("quick"),
+    set_: SetOption = None,
+    results: Annotated[Path, typer.Option(help="Folder for the table and the figure.")] = Path("results/distance"),
+) -> None:
+    """Joules of sidelinks, direct and via the base station, as that moves away (docs/radio.md). Nothing is run."""
+    from jouleswarm.common.scenario.reading import load_scenario
+    from jouleswarm.studies.distance import study_distance
+
+    found, written = study_distance(load_scenario(scenario, set_ or ()), results)
+    print(found)
+    _list(written)
 
 
 def _command(name: StudyName) -> Callable[..., None]:

@@ -53,11 +53,9 @@ class WeightsEncoder:
         self._public = public
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         return _state(self.codec, self._public)
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._public = state.arrays or None
 
 
@@ -74,19 +72,20 @@ class WeightsDecoder:
         Raises:
             PayloadError: differences to a model that never came, or no model comes of them.
         """
-        self._public = decoded(self._codec, tensors, self._shapes, self._public)
-        return self._public
+        self.rebase(public := self.decoded(tensors))
+        return public
+
+    def decoded(self, tensors: Tensors) -> Weights:
+        """The same, not held: what is decoded next builds on what was before."""
+        return decoded(self._codec, tensors, self._shapes, self._public)
 
     def rebase(self, public: Weights) -> None:
-        """See `WeightsEncoder.rebase`."""
         self._public = public
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         return _state(self._codec, self._public)
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         self._public = state.arrays or None
 
 

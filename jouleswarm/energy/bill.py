@@ -55,8 +55,9 @@ class Cost:
     computing_datacenter_j: float = 0.0
     computing_robots_j: float = 0.0
     uplink_j: float = 0.0  # paid by robots
+    uplink_datacenter_j: float = 0.0  # by the base station that receives it
     downlink_j: float = 0.0  # paid by the data center
-    downlink_robots_j: float = 0.0  # by robots that pass it on
+    downlink_robots_j: float = 0.0  # by robots that receive it or pass it on
     sidelink_robots_j: float = 0.0  # direct sidelinks, or the way up to the base station
     sidelink_datacenter_j: float = 0.0  # the way down from the base station, gamma included; 0 for direct sidelinks
     acting_robots_j: float = 0.0  # motions to learn from
@@ -98,7 +99,8 @@ class Cost:
     @property
     def communication_j(self) -> float:
         """All links."""
-        return self.uplink_j + self.downlink_j + self.sidelink_j + self.downlink_robots_j
+        told = self.uplink_j + self.downlink_j + self.sidelink_j + self.downlink_robots_j
+        return told + self.uplink_datacenter_j
 
     @property
     def robots_j(self) -> float:
@@ -111,7 +113,7 @@ class Cost:
     def datacenter_j(self) -> float:
         """Paid by the data center and its base station: its computing, what is sent down, and what else is theirs."""
         paper = self.computing_datacenter_j + self.downlink_j + self.sidelink_datacenter_j
-        return paper + self.waiting_datacenter_j + self.other_datacenter_j
+        return paper + self.uplink_datacenter_j + self.waiting_datacenter_j + self.other_datacenter_j
 
     @property
     def total_j(self) -> float:
@@ -122,7 +124,8 @@ class Cost:
     def by_cause(self) -> dict[Cause, float]:
         """Joules of each cause; with what is not told they are the total."""
         computing = self.computing_datacenter_j, self.computing_robots_j
-        links = self.uplink_j, self.downlink_j + self.downlink_robots_j, self.sidelink_j
+        up, down = self.uplink_j + self.uplink_datacenter_j, self.downlink_j + self.downlink_robots_j
+        links = up, down, self.sidelink_j
         more = self.acting_robots_j, self.evaluating_robots_j, self.waiting_j, self.other_j
         return dict(zip(CAUSES, (*computing, *links, *more), strict=True))
 

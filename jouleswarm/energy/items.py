@@ -13,7 +13,7 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import DATA_CENTER
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill, Cost
-from jouleswarm.energy.facts import Facts, Flow, Phase, Work
+from jouleswarm.energy.facts import Facts, Flow, Phase, UnknownFactError, Work
 
 BITS_PER_BYTE = 8
 
@@ -33,7 +33,22 @@ class Item(NamedTuple):
 
 
 Hop = Callable[[Energy, int, int, Flow], float]
-"""Joules of carrying a flow over one link, from one robot (or 0) to another, before gamma."""
+"""Joules that one end of a link pays for a flow, from one robot (or 0) to another, before gamma."""
+
+
+class LinkModel(NamedTuple):
+    """A price list that has its own way to price a hop; all else is as the equations have it."""
+
+    name: str
+    label: str
+    send: Hop
+    receive: Hop
+    others: Callable[[Facts, Energy], Iterable[Item]] = lambda facts, energy: ()
+    """What a radio spends beside carrying flows."""
+
+    def price(self, facts: Facts, energy: Energy) -> Bill:
+        """The bill of an arm; `energy.beta` is a number."""
+        return total([*items(facts, energy, self.send, self.receive), *self.others(facts, energy)])
 
 
 def constant_hop(energy: Energy, sender: int, receiver: int, flow: Flow) -> float:
@@ -44,22 +59,20 @@ def constant_hop(energy: Energy, sender: int, receiver: int, flow: Flow) -> floa
     return joules / (1 - link.loss)
 
 
-def items(facts: Facts, energy: Energy, hop: Hop = constant_hop) -> Iterator[Item]:
+def items(facts: Facts, energy: Energy, send: Hop = constant_hop, receive: Hop | None = None) -> Iterator[Item]:
     """What everybody paid; `energy.beta` is a number.
 
     Raises:
-        UnknownFactError: only sums are known of these facts.
+        UnknownFactError: only sums are known of these facts, or not who sent.
         ConfigurationError: a link carried something and is not in the user's table.
     """
     for work in facts.work:
         yield from _computed(work, energy)
     for flow in facts.flows:
-        yield from _moved(flow, energy, hop)
+        yield from _moved(flow, energy, send, receive)
     if energy.sidelink == "via_base_station":
         for flow in facts.sent:
-            sender = number_of(flow.sender)
-            joules = hop(energy, sender, DATA_CENTER, flow)
-            yield Item(flow.phase, flow.task, sender, "sidelink_robots_j", (sender, DATA_CENTER), joules)
+            yield from _paid(flow, energy, (number_of(flow.sender), DATA_CENTER), send, receive)
 
 
 def total(found: Iterable[Item]) -> Bill:
@@ -95,28 +108,35 @@ def _computed(work: Work, energy: Energy) -> Iterator[Item]:
             yield Item(work.phase, work.task, work.robot, field, None, joules)
 
 
-def _moved(flow: Flow, energy: Energy, hop: Hop) -> Iterator[Item]:
-    """What carrying one flow cost its sender, and who passed it on; eq. (11)'s remark: E_kh = E_k0 + gamma E_0h."""
+def _moved(flow: Flow, energy: Energy, send: Hop, receive: Hop | None) -> Iterator[Item]:
+    """What carrying one flow cost all who had part in it."""
+    if not flow.sender and (receive is not None or energy.links is not None):
+        raise UnknownFactError("who sent these messages is not known, nor over which link")
     sender, receiver = number_of(flow.sender), number_of(flow.receiver)
-
-    def paid(one: int, other: int) -> Item:
-        joules = hop(energy, one, other, flow)
-        relayed = one == DATA_CENTER and flow.link == Link.SIDELINK
-        gamma = (energy.base_station_pue or energy.pue) if relayed else 1.0
-        return Item(flow.phase, flow.task, one, _field(flow.link, one), (one, other), gamma * joules)
-
     if flow.link == Link.SIDELINK and energy.sidelink == "via_base_station":
-        yield paid(DATA_CENTER, receiver)  # the way up is paid once a message, however many neighbours get it
+        hops = [(DATA_CENTER, receiver)]  # the way up is paid once a message, however many neighbours get it
     elif (via := energy.link(sender, receiver).via) is not None:
-        yield paid(sender, via)
-        yield paid(via, receiver)
+        hops = [(sender, via), (via, receiver)]
     else:
-        yield paid(sender, receiver)
+        hops = [(sender, receiver)]
+    for ends in hops:
+        yield from _paid(flow, energy, ends, send, receive)
 
 
-def _field(link: Link, payer: int) -> str:
+def _paid(flow: Flow, energy: Energy, ends: tuple[int, int], send: Hop, receive: Hop | None) -> Iterator[Item]:
+    """What one hop cost its sender and its receiver; eq. (11)'s remark: E_kh = E_k0 + gamma E_0h."""
+    for payer, hop in zip(ends, (send, receive), strict=True):
+        if hop is not None:
+            relayed = payer == DATA_CENTER and flow.link == Link.SIDELINK
+            gamma = (energy.base_station_pue or energy.pue) if relayed else 1.0
+            joules = gamma * hop(energy, *ends, flow)
+            yield Item(flow.phase, flow.task, payer, field_of(flow.link, payer), ends, joules)
+
+
+def field_of(link: Link, payer: int) -> str:
+    """Of `bill.Cost`: where what somebody paid for a link is booked."""
     if link == Link.UPLINK:
-        return "uplink_j"
+        return "uplink_datacenter_j" if payer == DATA_CENTER else "uplink_j"
     if link == Link.DOWNLINK:
         return "downlink_j" if payer == DATA_CENTER else "downlink_robots_j"
     return "sidelink_datacenter_j" if payer == DATA_CENTER else "sidelink_robots_j"

@@ -13,10 +13,9 @@ import traceback
 from collections.abc import Iterable
 from typing import Any, Protocol
 
-from jouleswarm.common.doors import SHIPPED
+from jouleswarm.common.doors import SHIPPED, Kind
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, UnknownFactError, Work
@@ -24,6 +23,7 @@ from jouleswarm.energy.published import published
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _TAKEN = ("by_cause", "by_site", "total", "paper")
+_PAPERS = ("literal", "published")
 _CLOSE = 1e-9
 
 
@@ -42,7 +42,15 @@ class PriceList(Protocol):
         """Joules by phase, cause and site; None where the list is not defined. `energy.beta` is a number."""
 
 
-def price_lists(scenario: Scenario) -> tuple[PriceList, ...]:
+class Priced(Protocol):
+    """A scenario, or a tariff by itself."""
+
+    @property
+    def energy(self) -> Energy: ...
+    def open(self, kind: Kind, name: str) -> Any: ...
+
+
+def price_lists(scenario: Priced) -> tuple[PriceList, ...]:
     """What `energy.prices` names, in its order; lists that do not ship here have been tried.
 
     Raises:
@@ -61,7 +69,7 @@ def price_lists(scenario: Scenario) -> tuple[PriceList, ...]:
     return tuple(lists)
 
 
-def open_list(scenario: Scenario, name: str) -> PriceList:
+def open_list(scenario: Priced, name: str) -> PriceList:
     """One list by its name, tried if it does not ship here; as `price_lists`."""
     found = scenario.open("prices", name)
     if name in SHIPPED["prices"]:
@@ -69,14 +77,15 @@ def open_list(scenario: Scenario, name: str) -> PriceList:
         return shipped
     where = f"price list {name!r}"
     tried = _checked(_made(found, where), where)
+    plain = scenario.energy.for_fleet((), None)  # a user's table of links knows nothing of made-up robots
     for facts in _MADE_UP:
-        _price(tried, facts, with_beta(scenario.energy, facts), where)
+        _price(tried, facts, with_beta(plain, facts), where)
     return tried
 
 
 def own_lists(lists: Iterable[PriceList]) -> list[PriceList]:
-    """Those of the lists that do not ship here."""
-    return [each for each in lists if each.name not in SHIPPED["prices"]]
+    """Those that have a column, row or panel of their own: all but the paper's two."""
+    return [each for each in lists if each.name not in _PAPERS]
 
 
 def price(prices: PriceList, facts: Facts, energy: Energy) -> Bill | None:

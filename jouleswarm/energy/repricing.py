@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import ValidationError
 
@@ -103,7 +103,7 @@ def reprice(scenario: Scenario, changes: Iterable[Override], where: str) -> tupl
     fields = list(dict.fromkeys(key.removeprefix("energy.") for key in keys))
     folder = Path.cwd() if "prices" in fields else None
     other = with_prices(scenario, held, where, folder)
-    words = "".join(f"-{_word(field, getattr(other.energy, field))}" for field in fields)
+    words = "".join(f"-{_word(field, _at(other.energy, field))}" for field in fields)
     return other, "" if other.energy == scenario.energy else words
 
 
@@ -118,11 +118,20 @@ def _checked(name: str, value: float | Literal["measured"]) -> float | Literal["
     return scaled
 
 
+def _at(energy: Energy, field: str) -> object:
+    """What stands at a key such as `distance.base_station_m` or `kinds.jetson.pk_w`."""
+    found: Any = energy
+    for part in field.split("."):
+        found = found[part] if isinstance(found, dict) else getattr(found, part)
+    return found
+
+
 def _word(field: str, value: object) -> str:
     """A price as it stands in file names."""
     if field == "sidelink":
         return str(value).replace("_", "-")
     name, factor = _WORDS.get(field, (field.replace("_", "-"), 1.0))
-    told = f"{value / factor:g}" if isinstance(value, float) else "-".join(value) if isinstance(value, tuple) else value
+    told = f"{value / factor:g}" if isinstance(value, float) else value
+    told = "-".join(map(str, value)) if isinstance(value, tuple) else told
     word = f"{name}{told}" if isinstance(value, float) else f"{name}-{told}"
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", word)[:100]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from jouleswarm.common.bus.bus import Bus, Message
+from jouleswarm.common.bus.bus import Message
 from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.meter import MeterRow
@@ -50,13 +50,11 @@ class Counted(NamedTuple):
 
 
 class BrokerCounters:
-    """Asks the broker for a run's counters, as often as it takes. One thread; what else comes goes to `otherwise`."""
+    """Asks the broker for a run's counters, as often as it takes."""
 
-    def __init__(self, bus: Bus, run: str, settings: BusSettings, otherwise: Callable[[Message], None]) -> None:
-        self._bus, self._run, self._settings, self._otherwise = bus, run, settings, otherwise
-        self._listener = Listener(bus, settings.resend_after_s)
-        self._listener.handlers = {"limits": self._take_limits, "ack": self._take_echo}
-        self._listener.otherwise = self._take
+    def __init__(self, listener: Listener, run: str, settings: BusSettings) -> None:
+        self._listener, self._bus, self._run, self._settings = listener, listener.bus, run, settings
+        listener.handlers |= {"limits": self._take_limits, "ack": self._take_echo}
         self._echo_topic = topics.acknowledgement(run, topics.RECORDER)
         self._filters: list[str] = []
         self._pieces: dict[str, dict[int, CountersPiece]] = {}
@@ -132,6 +130,7 @@ class BrokerCounters:
 
     def _ask(self) -> None:
         self._token = secrets.token_hex(8)
+        self._listener.handlers[self._token] = self._take
         self._subscribe(topics.broker_answer(self._token))
         self._bus.publish(topics.BROKER_METER_ASK, encode_json(CountersRequest(asked=self._token, run=self._run)))
         self._bus.publish(self._echo_topic, encode_json(Acknowledgement(topic=self._echo_topic, part=self._token)))
@@ -150,9 +149,6 @@ class BrokerCounters:
 
     def _take(self, message: Message) -> None:
         """A piece of the answer to any of the questions; the first that is whole counts."""
-        if message.topic not in self._filters:
-            self._otherwise(message)
-            return
         piece = decode_json(message.payload, CountersPiece, PIECE_BYTES)
         self._is_ours = True
         held = self._pieces.setdefault(message.topic, {})

@@ -177,15 +177,15 @@ def _deploy(
     with ExitStack() as stack:
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
+        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
                 options.restarts,
-                partial(console.print, highlight=False, markup=False, soft_wrap=True),
+                told,
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
-        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
         if scenario.measure.energy:
             told(how_measured(scenario.measure))
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)

@@ -17,7 +17,7 @@ from jouleswarm.common.bus import credentials as folder
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet.certificates import Certified, Validity, make_ca, make_client, make_server, serves
-from jouleswarm.fleet.rights import clients_of, rights_file, rights_of
+from jouleswarm.fleet.rights import rights_file, rights_of
 
 # OWASP's least for argon2id: 19 MiB, two passes, one lane. Passwords of 256 random bits need no more.
 _HASHER = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)
@@ -81,7 +81,7 @@ def refresh_keys(scenario: Scenario, out: Path, hosts: Sequence[str], days: int)
 
 def _fill(work: Path, scenario: Scenario, hosts: Sequence[str], validity: Validity) -> list[str]:
     ca = make_ca(f"JouleSwarm {scenario.name}", validity)
-    server, clients = make_server(ca, hosts, validity), clients_of(scenario)
+    server, clients = make_server(ca, hosts, validity), list(rights_of(scenario))
     passwords = {client: secrets.token_urlsafe(32) for client in clients}
     broker = work / folder.BROKER
     _certified(work, ca, folder.CA, folder.CA_KEY)

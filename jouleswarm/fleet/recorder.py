@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
 from functools import partial
@@ -11,12 +10,13 @@ from typing import Literal
 
 from jouleswarm.common.bus.agreement import proclamation
 from jouleswarm.common.bus.bus import Bus, Message
+from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.bus.reporter import MAX_REPORT_BYTES, MeterReport, Telemetry
-from jouleswarm.common.errors import BrokerUnreachableError, PayloadError, RunError
+from jouleswarm.common.errors import BrokerUnreachableError, RunError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_json, encode_json
-from jouleswarm.common.wire.names import client_of
+from jouleswarm.common.wire.names import client_of, clients_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
 from jouleswarm.fleet.admission import check_report, check_row, learned_name, snapshot_name
@@ -47,9 +47,17 @@ class Recorder:
         self._progress_at = 0.0
         self._reports = HandedIn()
         self._received: dict[str, dict[topics.Link, int]] = {}
-        self.refused = 0
         self._processors: dict[str, str] = {}
         self._attendance = Attendance(bus, scenario, run)
+        self._listener = Listener(bus, scenario.bus.resend_after_s)
+        self._listener.handlers |= {
+            "round": self._take_row,
+            "learned": self._take_learned,
+            "snapshot": self._take_snapshot,
+            "presence": self._take_presence,
+            "wait": self._attendance.take_wait,
+        }
+        self._listener.otherwise = self._take_report
         self._filters = [
             topics.telemetry(run, "+", "+"),
             topics.learned(run, "+", "+"),
@@ -58,11 +66,16 @@ class Recorder:
             topics.presence(run, "+", "+"),
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
-        self._broker = BrokerCounters(bus, run, scenario.bus, self._hear)
+        self._broker = BrokerCounters(self._listener, run, scenario.bus)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
         bus.publish(topics.scenario(run, CLIENT), proclamation(scenario), retain=True)
         bus.publish(topics.recorder(run), encode_json(Presence(agent=0)), retain=True)
+
+    @property
+    def refused(self) -> int:
+        """Messages refused so far."""
+        return self._listener.refused
 
     @property
     def waiting_for(self) -> list[str]:
@@ -103,11 +116,8 @@ class Recorder:
     def pump(self, timeout_s: float) -> None:
         """Take what comes within `timeout_s`; a message that cannot be read is left out with a warning."""
         until = time.monotonic() + timeout_s
-        while (left_s := until - time.monotonic()) > 0:
-            message = self._bus.receive(left_s)
-            if message is None:
-                return
-            self._hear(message)
+        while (left_s := until - time.monotonic()) > 0 and self._listener.take_next(left_s):
+            pass
 
     def check(self) -> None:
         """Notice a process that died and has not come back.
@@ -121,8 +131,7 @@ class Recorder:
     @property
     def _clients(self) -> list[str]:
         """All processes that are to hand in counters."""
-        robots = [f"agent-{agent}" for agent in self._scenario.agents]
-        return [*robots, DATA_CENTER] if self._scenario.needs_datacenter else robots
+        return clients_of([*self._scenario.agents, *([0] if self._scenario.needs_datacenter else [])])
 
     def close(self, status: Status) -> None:
         """Fetch the broker's counters, write meter and summary, and tell the processes that stay for it.
@@ -164,13 +173,6 @@ class Recorder:
         if failed is not None:
             raise failed
 
-    def _hear(self, message: Message) -> None:
-        try:
-            self._take(message)
-        except PayloadError as error:
-            self.refused += 1
-            log.warning("refused a message on %s: %s", message.topic, error)
-
     def _see_off(self) -> None:
         """Tell who stayed that the run is recorded, and see them go; remove what those left who went before."""
         word, present = topics.recorder(self._run), topics.presence(self._run, "+", "+")
@@ -178,50 +180,39 @@ class Recorder:
         self._bus.subscribe(present)
         until = time.monotonic() + _FAREWELL_S
         while self._attendance.has_anybody and (left_s := until - time.monotonic()) > 0:
-            message = self._bus.receive(left_s)
-            if message is not None and message.topic.endswith("/presence"):
-                with contextlib.suppress(PayloadError):
-                    self._take_presence(message)
-                    self._attendance.forget_done()
+            self._listener.take_next(left_s)
+            self._attendance.forget_done()
         if not self._attendance.has_anybody:  # else who comes late finds it
             self._bus.publish(word, b"", retain=True)
 
-    def _take(self, message: Message) -> None:
-        topic, kind = message.topic, message.topic.rsplit("/", 1)[-1]
-        if kind == "round":
-            self._take_row(decode_json(message.payload, Telemetry), topic.split("/")[4])
-        elif kind == "learned":
-            task = topic.split("/")[4]
-            name = learned_name(topics.arm_of(topic), task, self._scenario)
-            check_model(message.payload)
-            self._directory.weights(name, message.payload)
-            for agent in self._scenario.cluster(int(task)):  # the first of them, or the first that is left
-                self._acknowledge(topic, client_of(agent))
-        elif kind == "snapshot":
-            self._take_snapshot(message, topic.split("/")[4])
-        elif kind == "presence":
-            self._take_presence(message)
-        elif kind == "wait":
-            self._attendance.take_wait(message)
-        else:
-            report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
-            check_report(report, kind, self._clients, self._scenario)
-            if (rounds := self._reports.take(report)) is not None:
-                self._directory.complete(rounds)
-                self._attendance.is_through(report.client)
-            self._attendance.is_back(report.client)
-            self._acknowledge(topic, report.client, report.part)
+    def _take_report(self, message: Message) -> None:
+        report = decode_json(message.payload, MeterReport, MAX_REPORT_BYTES)
+        check_report(report, message.topic.rsplit("/", 1)[-1], self._clients, self._scenario)
+        if (rounds := self._reports.take(report)) is not None:
+            self._directory.complete(rounds)
+            self._attendance.is_through(report.client)
+        self._attendance.is_back(report.client)
+        self._acknowledge(message.topic, report.client, report.part)
 
     def _acknowledge(self, topic: str, client: str, part: str = "") -> None:
         """Tell a client that what it published on `topic` is written down."""
         told = Acknowledgement(topic=topic, part=part)
         self._bus.publish(topics.acknowledgement(self._run, client), encode_json(told))
 
-    def _take_snapshot(self, message: Message, round_: str) -> None:
-        name = snapshot_name(topics.arm_of(message.topic), round_, self._scenario)
+    def _take_learned(self, message: Message) -> None:
+        task = message.topic.split("/")[-2]
+        self._keep_model(message, learned_name(topics.arm_of(message.topic), task, self._scenario))
+        for agent in self._scenario.cluster(int(task)):  # the first of them, or the first that is left
+            self._acknowledge(message.topic, client_of(agent))
+
+    def _take_snapshot(self, message: Message) -> None:
+        round_ = message.topic.split("/")[-2]
+        self._keep_model(message, snapshot_name(topics.arm_of(message.topic), round_, self._scenario))
+        self._acknowledge(message.topic, DATA_CENTER)
+
+    def _keep_model(self, message: Message, name: str) -> None:
         check_model(message.payload)
         self._directory.weights(name, message.payload)
-        self._acknowledge(message.topic, DATA_CENTER)
 
     def _take_presence(self, message: Message) -> None:
         if (presence := self._attendance.take_presence(message, self._reports.whole)) is None:
@@ -238,7 +229,8 @@ class Recorder:
         self._processors[client] = processor
         self._directory.computed_on(client, processor)
 
-    def _take_row(self, telemetry: Telemetry, client: str) -> None:
+    def _take_row(self, message: Message) -> None:
+        telemetry, client = decode_json(message.payload, Telemetry), message.topic.split("/")[-2]
         row = telemetry.row
         check_row(row, client, self._scenario)
         self._directory.round(row, time.time())

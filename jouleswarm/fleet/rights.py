@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.names import client_of
 
 Right = tuple[str, str]  # read or write, and a topic filter
 
@@ -21,14 +22,9 @@ _SCENARIO = [
 """Without a recorder any process may be the first to say what the run's scenario is; with one it alone says so."""
 
 
-def clients_of(scenario: Scenario) -> list[str]:
-    """Names of all clients: the robots, the data center, the recorder, and one that may do nothing but connect."""
-    return [*(f"agent-{agent}" for agent in scenario.agents), DATACENTER, RECORDER, HEALTH]
-
-
 def rights_of(scenario: Scenario) -> dict[str, list[Right]]:
-    """The rights of each client."""
-    robots = {f"agent-{agent}": robot_rights(scenario, agent) for agent in scenario.agents}
+    """The rights of each client: the robots, the data center, the recorder, and one that may only connect."""
+    robots = {client_of(agent): robot_rights(scenario, agent) for agent in scenario.agents}
     return {**robots, DATACENTER: datacenter_rights(), RECORDER: recorder_rights(), HEALTH: []}
 
 

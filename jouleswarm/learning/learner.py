@@ -46,11 +46,9 @@ class Policy:
         return to_weights(self.online)
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         return State(to_weights(self.online))
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         load_weights(self.online, state.arrays)
 
     def set_weights(self, weights: Weights) -> None:
@@ -109,7 +107,6 @@ class Learner(Policy):
         return len(losses)
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         moments = {f"{index}/{key}": value for index, key, value in self._moments()}
         parts = {
             "online": super().state(),
@@ -121,7 +118,6 @@ class Learner(Policy):
         return State.of(parts)
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         super().load_state(state.part("online"))
         load_weights(self._target, state.part("target").arrays)
         for name, array in state.part("moments").arrays.items():

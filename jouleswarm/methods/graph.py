@@ -49,6 +49,12 @@ def directed_links(scenario: Scenario, task: int) -> int:
     return 2 * task_graph(scenario, task).number_of_edges()
 
 
+def directed_edges(scenario: Scenario, task: int) -> list[tuple[int, int]]:
+    """Those links, (sender, receiver), in their order."""
+    pairs = list(task_graph(scenario, task).edges)
+    return sorted([*pairs, *((receiver, sender) for sender, receiver in pairs)])
+
+
 def task_graph(scenario: Scenario, task: int) -> nx.Graph[int]:
     """The undirected graph of a task's sidelinks."""
     if scenario.edges is not None:

@@ -92,7 +92,6 @@ class MetaStage:
         return self.meta_model.weights()
 
     def state(self) -> State:
-        """See `common.disk.state.Stateful`."""
         state = {f"model/{name}": value.detach() for name, value in self._leaves.items()}
         for task, target in self._targets.items():
             state |= {f"target/{task}/{name}": value for name, value in target.items()}
@@ -101,7 +100,6 @@ class MetaStage:
         return State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
 
     def load_state(self, state: State) -> None:
-        """See `common.disk.state.Stateful`."""
         found = {name: torch.from_numpy(np.array(array)) for name, array in state.arrays.items()}
         for task, target in self._targets.items():
             for name, value in target.items():

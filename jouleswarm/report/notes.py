@@ -14,10 +14,12 @@ from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, publish
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import label, labels, method_label
+from jouleswarm.report.format import bytes_text
 from jouleswarm.runs.breakeven import comparable
-from jouleswarm.runs.columns import columns
+from jouleswarm.runs.columns import closed_facts, columns
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import computed_on
+from jouleswarm.runs.foretold import compare
 from jouleswarm.runs.paper import is_papers_deployment
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import metered_by
@@ -72,7 +74,18 @@ def notes(run: Run, energy: Energy) -> list[str]:
     if has_carbon(energy):
         lines.append("gCO2e = J / 3.6e6 x the site's gCO2e/kWh. A site without an intensity is unknown, not zero.")
     lines.append("Control and telemetry are counted apart and in no bill.")
-    return lines + _notes_of_faults(run)
+    return lines + _notes_of_the_foretold(run) + _notes_of_faults(run)
+
+
+def _notes_of_the_foretold(run: Run) -> list[str]:
+    """What `jouleswarm run --dry` says of these rounds, against what was counted."""
+    told = []
+    for arm, name in labels(run.scenario).items():
+        facts = run.facts[arm]
+        for what, (said, was) in compare(closed_facts(run, arm), facts).items() if facts.metered else ():
+            ratio = f"{was / said:.4f}" if said else "none foretold"
+            told.append(f"{name}, {what} {bytes_text(said)} and {bytes_text(was)} ({ratio})")
+    return [f"Foretold and counted, bytes a round: {'; '.join(told)}."] if told else []
 
 
 def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
@@ -102,12 +115,12 @@ def _notes_of_the_columns(run: Run) -> list[str]:
         )
     if own:
         told = "; ".join(f"{each.label} ({name})" for each, name in zip(own, _named(run), strict=True))
-        lines.append(f"Price lists of the user's own, over the same facts: {told}.")
+        lines.append(f"Price lists beside the paper's, over the same facts: {told}.")
     return lines
 
 
 def _named(run: Run) -> list[str]:
-    """Names in the scenario of the lists that do not ship here."""
+    """Names in the scenario of the lists beside the paper's."""
     own = own_lists(run.price_lists)
     return [name for name, each in zip(run.scenario.energy.prices, run.price_lists, strict=True) if each in own]
 

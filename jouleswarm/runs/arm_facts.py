@@ -15,12 +15,12 @@ from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link, agent_of, task_of
 from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.closed_form import RoundSizes
-from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, Work
+from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Phase, UnknownFactError, Work
 from jouleswarm.methods.graph import directed_links
 from jouleswarm.runs.beta import measured_beta
+from jouleswarm.runs.closed import closed_flows, closed_parts, closed_sent, closed_work
 from jouleswarm.runs.facts import meta_counts, meta_rounds, stage_share, task_counts, task_results
 from jouleswarm.runs.lost_work import motions_of
-from jouleswarm.runs.sizes import expected_counts
 from jouleswarm.runs.traffic import DATA_CENTER, RECORDER, Measure, deliveries, metered_by, sent_rows
 
 _PHASES: dict[str, Phase] = {RowPhase.ML: "ml", RowPhase.FL: "fl"}  # as rows and counters spell them
@@ -79,11 +79,19 @@ def control_facts(facts: Facts, meter_rows: Sequence[MeterRow]) -> Facts:
 
 
 def in_closed_form(facts: Facts, scenario: Scenario, rounds: Mapping[int, float], sizes: RoundSizes) -> Facts:
-    """The same with counts from rounds alone, and nothing known but them."""
-    counts = {task: expected_counts(scenario, facts.method, 0, {task: each}, sizes) for task, each in rounds.items()}
-    parts: dict[tuple[Phase, int], Counts] = {("fl", task): each.fl for task, each in counts.items()}
-    parts["ml", STAGE] = expected_counts(scenario, facts.method, facts.t0, rounds, sizes).ml
-    return replace(facts, parts=parts, metered=True, known_flows=None, known_work=None, known_sent=None)
+    """The same with counts from rounds alone, and with the work and the flows that they come to where that is known."""
+    method, t0 = facts.method, facts.t0
+    parts = closed_parts(scenario, method, t0, rounds, sizes)
+    found = replace(facts, parts=parts, metered=True, known_flows=None, known_work=None, known_sent=None)
+    try:
+        return replace(
+            found,
+            known_flows=tuple(closed_flows(scenario, method, t0, rounds, sizes, parts)),
+            known_work=tuple(closed_work(scenario, t0, rounds, sizes, parts)),
+            known_sent=tuple(closed_sent(scenario, rounds, parts)),
+        )
+    except UnknownFactError:
+        return found
 
 
 def links_of(scenario: Scenario, method: str) -> dict[int, int]:

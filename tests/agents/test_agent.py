@@ -12,6 +12,8 @@ import pytest
 import safetensors.numpy
 
 from jouleswarm.agents.robot import run_agent
+from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.models import read_model
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.disk.state import Keep
 from jouleswarm.common.process import use_one_thread
@@ -19,7 +21,7 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, MotionHeader, Presence, encode_json
-from jouleswarm.common.wire.models import decode_model, encode_model
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.datacenter.center import run_datacenter
 from jouleswarm.learning.heads import head_of, meta_shapes
@@ -200,7 +202,7 @@ def test_a_robot_moves_to_its_neighbours_by_equation_6(
     for round_ in (1, 2):
         message = hands.receive(DEADLINE_S)
         assert message is not None
-        weights, header = decode_model(message.payload, shapes)
+        weights, header = read_model(message.payload, shapes, FLOAT32)
         assert (header.agent, header.round, header.samples) == (1, round_, MOTIONS)
         published.append(weights)
         for agent, offset in offsets.items():
@@ -230,7 +232,7 @@ def test_the_meta_model_is_where_federated_learning_starts() -> None:
     assert weights is not None
     meta = safetensors.numpy.load(bytes(snapshot.payload))
     assert {name: tensor.shape for name, tensor in meta.items()} == meta_model_shapes(scenario)
-    first, _ = decode_model(weights.payload, shapes_of(build_qnetwork(scenario)))
+    first, _ = read_model(weights.payload, shapes_of(build_qnetwork(scenario)), FLOAT32)
     # Robot 1's task is trained on, so its last layer is the task's own.
     for name, tensor in first.items():
         assert np.array_equal(tensor, meta.get(f"task1/{name}", meta[name]))

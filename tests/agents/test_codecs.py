@@ -11,22 +11,25 @@ import pytest
 from jouleswarm.agents.meta_stage import MetaLink
 from jouleswarm.agents.partners import Partners
 from jouleswarm.agents.peers import Exchange
+from jouleswarm.agents.served import ServerLink
 from jouleswarm.codecs.codec import Codec, codec_of
 from jouleswarm.codecs.floats import FLOAT32, Float16
 from jouleswarm.codecs.int8 import Int8
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.codecs.topk import TopK
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub, Message
+from jouleswarm.common.bus.listener import Listener
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.sections import Bus, Federation
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader, RoundRequest, encode_json
-from jouleswarm.common.wire.types import Weights
-from jouleswarm.datacenter.cluster_rounds import Turn
+from jouleswarm.common.wire.models import encode_model
+from jouleswarm.common.wire.types import Layout, Shapes, Tensors, Weights
+from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
 from jouleswarm.datacenter.services import WeightsService
-from jouleswarm.learning.networks import build_qnetwork, to_weights
+from jouleswarm.learning.networks import build_qnetwork, shapes_of, to_weights
 from jouleswarm.methods.fedavg import FedAvg
 from jouleswarm.methods.graph import Neighbourhood
 
@@ -186,13 +189,13 @@ class Averaging:
         for thread in threads:
             thread.start()
         for round_ in range(1, ROUNDS + 1):
-            arrived: dict[int, list[Any]] = {}
+            arrived: dict[int, Any] = {}
             while len(arrived) < 2:
                 message = heard(self.bus)
                 agent = int(message.topic.split("/")[5])
                 got_round, _, content = self.server.read(message.payload, TASK, agent)
                 assert got_round == round_
-                arrived[agent] = [content]
+                arrived[agent] = self.server.opened(agent, [content])
             payload, _ = self.server.model(Turn(TASK, round_, arrived))
             self.bus.publish(topics.cluster_model(RUN, "fedavg", TASK), payload)
         for thread in threads:
@@ -213,12 +216,12 @@ class Averaging:
         self.ends[agent] = weights
 
 
-def _scenario(codec: Codec) -> Scenario:
+def _scenario(codec: Codec, name: str = "") -> Scenario:
     return scenario_from(
         {
             "name": "t", "world": {"rows": 4, "cols": 3}, "methods": ["fedavg"],
             "network": {"width": 8, "height": 6, "conv": [[4, 3, 1]], "dense": [8]},
-            "federation": {"codec": codec.name, "topk_share": getattr(codec, "share", 0.05)},
+            "federation": {"codec": name or codec.name, "topk_share": getattr(codec, "share", 0.05)},
             "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X ."}],
         },
         "test",
@@ -244,3 +247,60 @@ def test_federated_averaging_loses_nothing_that_a_message_could_not_tell(codec: 
         coarse = {"float32": 1e-6, "float16": 2e-3, "int8": 3e-2, "topk": 1e-5}[codec.name]
         for end in averaging.ends.values():
             np.testing.assert_allclose(end[name], expected, rtol=0, atol=coarse)
+
+
+class Summed:
+    """A user's codec that checks nothing by itself: what does not add up raises as Python does, in `decode`."""
+
+    name, lossless = "summed", True
+
+    def layout(self, shapes: Shapes, whole: bool) -> Layout:
+        return {f"{name}{end}": ("F32", shape) for name in shapes for end, shape in (("", shapes[name]), ("+", (1,)))}
+
+    def encode(self, weights: Weights, base: Weights | None) -> Tensors:
+        told = [(name, tensor, np.array([tensor.sum()], np.float32)) for name, tensor in weights.items()]
+        return {name: array for key, tensor, total in told for name, array in ((key, tensor), (f"{key}+", total))}
+
+    def decode(self, tensors: Tensors, shapes: Shapes, base: Weights | None) -> Weights:
+        if any(tensors[name].sum() != tensors[f"{name}+"][0] for name in shapes):
+            raise ArithmeticError("it does not add up")
+        return {name: tensors[name] for name in shapes}
+
+
+def summed(sender: int, weights: Weights, off: float = 0.0) -> bytes:
+    """A message of `Summed`; `off`: of the right layout and sender, and none that decodes."""
+    tensors = {name: tensor + off * name.endswith("+") for name, tensor in Summed().encode(weights, None).items()}
+    return encode_model(tensors, header(sender, 1, codec="summed"))
+
+
+def test_what_a_users_codec_cannot_decode_is_refused_and_waited_past(caplog: pytest.LogCaptureFixture) -> None:
+    pair = Pair(Summed())
+    pair.send(summed(2, vector(1, 2, 3, 4), off=1))
+    pair.send(summed(2, vector(1, 2, 3, 4)))
+    assert pair.got(1) == [1, 2, 3, 4]
+    assert pair.exchange.refused == 1
+    assert "refused round 1 of robot 2: codec summed: decode raises ArithmeticError: it does not add up" in caplog.text
+
+
+def test_a_model_of_the_data_center_that_a_users_codec_cannot_decode_is_refused_too() -> None:
+    pair = Pair(Summed())
+    link = ServerLink(pair.exchange)
+    for off in (1, 0):
+        pair.other.publish(topics.cluster_model(RUN, ARM, TASK), summed(0, vector(1, 2, 3, 4), off))
+    assert link.await_model(1)[0]["w"].tolist() == [1, 2, 3, 4]
+    assert pair.exchange.refused == 1
+
+
+def test_a_robot_that_sends_the_data_center_what_does_not_decode_is_waited_for() -> None:
+    scenario = _scenario(Summed(), f"{__name__}:Summed")
+    shapes, hub = shapes_of(build_qnetwork(scenario)), MemoryHub()
+    listener, server = Listener(hub.connect("datacenter"), PATIENT_S), WeightsService(scenario, FEDAVG)
+    desk = ClusterDesk(listener, scenario, RUN, "fedavg", server, 2)
+    desk.listen()
+    for agent, off in ((1, 1), (2, 0), (1, 0)):
+        told = {name: np.full(shape, agent, np.float32) for name, shape in shapes.items()}
+        hub.connect("robots").publish(topics.weights_up(RUN, "fedavg", TASK, agent), summed(agent, told, off))
+    turn = desk.next_round()
+    assert turn is not None
+    assert {agent: float(model["0.bias"][0]) for agent, (model, _) in turn.arrived.items()} == {1: 1.0, 2: 2.0}
+    assert desk.refused == 1

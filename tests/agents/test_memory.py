@@ -138,7 +138,7 @@ def test_a_state_that_has_gone_is_missed_where_rows_tell_of_it(tmp_path: Path) -
     (tmp_path / "rounds.jsonl").write_text('{"phase":"maml","round":1}\n')
     memory(tmp_path)  # of meta-learning there is no state
     (tmp_path / "rounds.jsonl").write_text('{"phase":"fl","round":1}\n')
-    with pytest.raises(RunError, match=f"^{tmp_path}: the robot's state is gone"):
+    with pytest.raises(RunError, match=f"^{tmp_path}: the state is gone"):
         memory(tmp_path)
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.wire.mqtt import length_bytes
 
 ROOT = Path(__file__).parents[2]
 DEADLINE_S = 20.0
@@ -48,15 +49,6 @@ class BrokerProcess:
         assert self.event(name) == times, name
 
 
-def varint(length: int) -> bytes:
-    digits = bytearray()
-    while True:
-        length, digit = divmod(length, 128)
-        digits.append(digit | (128 if length else 0))
-        if not length:
-            return bytes(digits)
-
-
 def text(value: str) -> bytes:
     return len(value.encode()).to_bytes(2, "big") + value.encode()
 
@@ -71,7 +63,7 @@ class RawClient:
             self.sock = tls.wrap_socket(self.sock, server_hostname="127.0.0.1")
 
     def send(self, first: int, body: bytes = b"") -> None:
-        self.sock.sendall(bytes([first]) + varint(len(body)) + body)
+        self.sock.sendall(bytes([first]) + length_bytes(len(body)) + body)
 
     def connect(
         self, client_id: str, *, clean: bool = True, keepalive_s: int = 0, will: tuple[str, bytes] | None = None,

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from jouleswarm.broker.holdings import Away, Filters, Retained
+from jouleswarm.broker.holdings import Away, Retained
 from jouleswarm.broker.limits import OVERHEAD_BYTES, REPLIES, Budget, Turns
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.outbound import PacketWriter
@@ -54,14 +54,6 @@ def test_a_client_over_its_number_of_filters_is_told_so(start_broker, raw):
     assert client.read() == (0xB0, b"\x00\x02")
     assert client.subscribe("c") == 1
     broker.counted("refused_subscriptions", 1)
-
-
-def test_filters_are_forgotten_with_their_client():
-    filters = Filters(1)
-    filters.add("c", "a")
-    assert (filters.has_room("c", "a"), filters.has_room("c", "b"), filters.has_room("d", "b")) == (True, False, True)
-    assert filters.pop("c") == {"a"}
-    assert filters.has_room("c", "b")
 
 
 def test_long_names_are_refused(broker, raw):
@@ -188,8 +180,8 @@ def test_made_up_topics_do_not_fill_the_meter(monkeypatch):
     monkeypatch.setattr("jouleswarm.broker.meter.MAX_ROWS", 2)
     meter = BrokerMeter()
     for number in range(9):
-        meter.received("c", f"jouleswarm/r/fl/ul/1/{number}/experience", 10, 20)
-    meter.received("c", "jouleswarm/r/fl/ul/1/0/experience", 10, 20)
+        meter.count("c", f"jouleswarm/r/fl/ul/1/{number}/experience", "in", 10, 22)
+    meter.count("c", "jouleswarm/r/fl/ul/1/0/experience", "in", 10, 22)
     assert [(row.topic[-12:], row.messages) for row in meter.rows()] == [("0/experience", 2), ("1/experience", 1)]
     assert meter.event_counts() == {"unmetered": 7}
     assert (meter.unmetered("r"), meter.unmetered("another")) == (7, 0)

@@ -7,7 +7,6 @@ import asyncio
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from jouleswarm.broker.counters import in_pieces
 from jouleswarm.broker.limits import Budget
 from jouleswarm.broker.meter import BrokerMeter, by_link
 from jouleswarm.broker.publication import Publication
@@ -15,6 +14,7 @@ from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.bus import matches
 from jouleswarm.common.bus.paho_client import name_of, wire_id
 from jouleswarm.common.meter.meter import read_rows
+from jouleswarm.common.wire.messages import in_pieces
 from jouleswarm.common.wire.topics import Link
 
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"
@@ -79,10 +79,10 @@ def test_publish_header_bytes():
 
 def test_meter_books_under_the_plain_name_and_sums_by_link():
     meter = BrokerMeter()
-    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
-    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
-    meter.delivered("mosq-A1", WEIGHTS, 10, 48)
-    meter.received("agent-3", "jouleswarm/meter/ask", 5, 30)
+    meter.count(wire_id("agent-3"), WEIGHTS, "in", 10, 48)
+    meter.count(wire_id("agent-3"), WEIGHTS, "in", 10, 48)
+    meter.count("mosq-A1", WEIGHTS, "out", 10, 48)
+    meter.count("agent-3", "jouleswarm/meter/ask", "in", 5, 32)
     assert [(row.client, row.direction, row.messages, row.packet_bytes) for row in meter.rows()] == [
         ("agent-3", "in", 2, 96),
         ("mosq-A1", "out", 1, 48),
@@ -97,11 +97,11 @@ def test_meter_books_under_the_plain_name_and_sums_by_link():
 
 def test_a_broker_that_was_killed_goes_on_counting_rows_and_totals(tmp_path):
     killed = BrokerMeter(folder=tmp_path)
-    killed.received(wire_id("agent-3"), WEIGHTS, 10, 46)
-    killed.delivered("agent-4", WEIGHTS, 10, 48)
-    killed.acknowledged("agent-4", WEIGHTS, 10, 48)
+    killed.count(wire_id("agent-3"), WEIGHTS, "in", 10, 48)
+    killed.count("agent-4", WEIGHTS, "out", 10, 48)
+    killed.count("agent-4", WEIGHTS, "acked", 10, 48)
     meter = BrokerMeter(folder=tmp_path)
-    meter.received(wire_id("agent-3"), WEIGHTS, 10, 46)
+    meter.count(wire_id("agent-3"), WEIGHTS, "in", 10, 48)
     assert [(row.client, row.direction, row.messages, row.packet_bytes) for row in meter.rows()] == [
         ("agent-3", "in", 2, 96),
         ("agent-4", "acked", 1, 48),
@@ -120,7 +120,7 @@ def test_a_broker_without_space_to_count_in_is_told_to_end(tmp_path):
     meter, failures = BrokerMeter(folder=tmp_path), []
     meter.on_failure = failures.append
     (tmp_path / "counters-0.bin").mkdir()  # in the way of the file
-    meter.received("agent-1", "jouleswarm/r/maml/sl/1/1/weights", 5, 50)
+    meter.count("agent-1", "jouleswarm/r/maml/sl/1/1/weights", "in", 5, 52)
     (error,) = failures
     assert str(error).startswith(f"cannot write {tmp_path}/counters-0.bin: ")
 
@@ -154,7 +154,7 @@ def test_the_newest_refusals_are_kept_each_once_with_how_often():
 def test_rows_come_in_pieces_below_a_size():
     meter = BrokerMeter()
     for agent in range(5):
-        meter.received(f"agent-{agent}", WEIGHTS, 10, 46)
+        meter.count(f"agent-{agent}", WEIGHTS, "in", 10, 48)
     row_bytes = len(meter.rows()[0].model_dump_json()) + 1  # and a comma
     pieces = list(in_pieces(meter.rows(), 2 * row_bytes))
     assert [[row.client for row in piece] for piece in pieces] == [
@@ -162,8 +162,8 @@ def test_rows_come_in_pieces_below_a_size():
         ["agent-2", "agent-3"],
         ["agent-4"],
     ]
-    assert list(in_pieces(meter.rows()[:1], 1)) == [(meter.rows()[0],)]
-    assert list(in_pieces([], 100)) == [()]
+    assert list(in_pieces(meter.rows()[:1], 1)) == [[meter.rows()[0]]]
+    assert list(in_pieces([], 100)) == [[]]
 
 
 def counting(monkeypatch, kept_rows: int) -> BrokerMeter:
@@ -171,10 +171,10 @@ def counting(monkeypatch, kept_rows: int) -> BrokerMeter:
     monkeypatch.setattr("jouleswarm.broker.meter.KEPT_ROWS", kept_rows)
     meter = BrokerMeter()
     for run in "abc":
-        meter.received("agent-1", f"jouleswarm/{run}/maml/sl/1/1/weights", 10, 46)
-        meter.delivered("agent-2", f"jouleswarm/{run}/maml/sl/1/1/weights", 10, 48)
+        meter.count("agent-1", f"jouleswarm/{run}/maml/sl/1/1/weights", "in", 10, 48)
+        meter.count("agent-2", f"jouleswarm/{run}/maml/sl/1/1/weights", "out", 10, 48)
     meter.age(0.0)
-    meter.received("agent-1", "jouleswarm/b/maml/sl/1/1/weights", 10, 46)
+    meter.count("agent-1", "jouleswarm/b/maml/sl/1/1/weights", "in", 10, 48)
     meter.age(600.0)
     return meter
 
@@ -187,7 +187,7 @@ def test_rows_of_runs_that_ended_long_ago_are_forgotten_where_there_are_many(mon
     meter.age(3600.0)
     assert [len(meter.rows(run)) for run in "abc"] == [0, 2, 2], "now it has, and two rows fewer are enough"
     assert by_link(meter.totals().items()) == totals, "what was counted altogether stays"
-    meter.received("agent-1", "jouleswarm/a/maml/sl/1/1/weights", 10, 46)
+    meter.count("agent-1", "jouleswarm/a/maml/sl/1/1/weights", "in", 10, 48)
     assert [row.messages for row in meter.rows("a")] == [1], "counted anew"
 
 
@@ -203,7 +203,7 @@ def test_no_rows_are_forgotten_of_what_still_goes_on_or_where_there_is_room(monk
 def test_forgotten_runs_do_not_come_back_with_the_next_broker(monkeypatch, tmp_path):
     monkeypatch.setattr("jouleswarm.broker.meter.KEPT_ROWS", 0)
     meter = BrokerMeter(folder=tmp_path)
-    meter.received("agent-1", WEIGHTS, 10, 46)
+    meter.count("agent-1", WEIGHTS, "in", 10, 48)
     meter.age(0.0)
     meter.age(3600.0)
     meter.age(7200.0)  # what is left of it is no run to forget

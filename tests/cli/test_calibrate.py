@@ -22,6 +22,7 @@ TINY = ("--set", "network.dense=[4]", "--set", "network.conv=[[2,8,4]]", "--repe
 @pytest.fixture
 def calibrate(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
     monkeypatch.setattr("jouleswarm.methods.calibration._WINDOW_S", 0.05)
+    monkeypatch.setattr("jouleswarm.common.process.use_one_thread", lambda: None)  # it would stay so for later tests
 
     def call(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["jouleswarm", "calibrate", *arguments])
@@ -57,7 +58,7 @@ def test_both_roles_write_into_one_file_that_prices_a_scenario(calibrate: Call, 
         (["--role", "robot", "--device", "cuda"], "--device cuda: PyTorch finds no such device here; expected cpu"),
         (["--role", "robot", "--write", "."], "energy file .: cannot be read (Is a directory)"),
         (["--role", "robot", "--write", "no/where.toml"], "--write no/where.toml: there is no folder no"),
-        (["--role", "robot", "--write", "other.toml"], 'energy file other.toml: has ["world"], expected a table [ener'),
+        (["--role", "robot", "--write", "other.toml"], 'energy file other.toml: has ["world"], expected tables [ener'),
     ],
     ids=lambda case: " ".join(case) if isinstance(case, list) else "",
 )

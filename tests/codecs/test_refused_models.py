@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jouleswarm.codecs.codec import Codec, is_whole
+from jouleswarm.codecs.floats import FLOAT32
 from jouleswarm.codecs.models import check_tensors, decoded, read_model
 from jouleswarm.codecs.streams import WeightsEncoder
 from jouleswarm.codecs.topk import INDICES, VALUES, TopK
 from jouleswarm.common.errors import PayloadError, TrainingError
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model, largest_weight
+from jouleswarm.common.wire.models import MAX_WEIGHT, encode_model, largest_weight
 from jouleswarm.common.wire.types import Weights
 from tests.codecs.made_up_models import CODECS, FIRST, HALF, HEADER, INT8, SHAPES, model, vector
 
@@ -43,7 +44,7 @@ def test_the_header_must_name_the_codec_even_where_the_tensors_fit() -> None:
     with pytest.raises(PayloadError, match="in float32, expected topk"):
         read_model(encode_model(weights, FIRST), SHAPES, TopK())
     with pytest.raises(PayloadError, match="in topk, expected float32"):
-        decode_model(relabelled(weights, "topk"), SHAPES)
+        read_model(relabelled(weights, "topk"), SHAPES, FLOAT32)
 
 
 def test_differences_in_a_first_round_are_refused() -> None:

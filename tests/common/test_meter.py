@@ -10,13 +10,12 @@ from jouleswarm.common.meter.meter import (
     Direction,
     Meter,
     MeterRow,
-    packet_bytes,
-    publish_packet_bytes,
     read_rows,
     read_work,
     received,
 )
 from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.mqtt import packet_bytes, publish_packet_bytes
 from jouleswarm.common.wire.topics import Link
 
 WEIGHTS = topics.weights("r", "maml", 2, 3)  # jouleswarm/r/maml/sl/2/3/weights

@@ -14,6 +14,8 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.models import read_model
 from jouleswarm.common.errors import PayloadError
 from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.messages import (
@@ -26,7 +28,7 @@ from jouleswarm.common.wire.messages import (
     decode_json,
     encode_json,
 )
-from jouleswarm.common.wire.models import MAX_WEIGHT, decode_model, encode_model
+from jouleswarm.common.wire.models import MAX_WEIGHT, encode_model
 from jouleswarm.common.wire.saved_models import check_model
 from tests.made_up import decode_motion, encode_motion, image
 
@@ -73,7 +75,7 @@ def test_a_model_comes_back_bit_by_bit(
     weights = {"0.weight": flat[:6].reshape(2, 3), "0.bias": flat[6:]}
     rewards = {agent: known for agent, known in rewards.items() if known[0] <= round_}
     header = ModelHeader(task=2, agent=3, round=round_, reward=reward, samples=samples, rewards=rewards)
-    decoded, got = decode_model(encode_model(weights, header), SHAPES)
+    decoded, got = read_model(encode_model(weights, header), SHAPES, FLOAT32)
     assert list(decoded) == list(weights)
     assert all(decoded[name].tobytes() == tensor.tobytes() for name, tensor in weights.items())
     assert got.model_copy(update={"padding": ""}) == header
@@ -141,7 +143,7 @@ def test_an_observation_that_cannot_have_been_seen_is_refused(seen: Any, expecte
 def test_any_bytes_like_payload_is_read() -> None:
     payload = encode_model(WEIGHTS, HEADER)
     for kind in (bytes, bytearray, memoryview):
-        assert decode_model(kind(payload), SHAPES)[1].round == 9
+        assert read_model(kind(payload), SHAPES, FLOAT32)[1].round == 9
 
 
 def test_a_saved_model_opens_in_the_safetensors_library_with_the_papers_fields(tmp_path: Path) -> None:
@@ -272,17 +274,17 @@ REFUSED: dict[str, tuple[bytes, str]] = {
 def test_a_bad_model_is_refused_and_the_reason_named(case: str) -> None:
     payload, reason = REFUSED[case]
     with pytest.raises(PayloadError, match=reason):
-        decode_model(payload, SHAPES)
+        read_model(payload, SHAPES, FLOAT32)
 
 
 def test_weights_up_to_the_limit_are_taken_and_larger_ones_refused() -> None:
     for bias in ([1e4, -1e4], [0.0, 0.0]):
         weights = {**WEIGHTS, "0.bias": np.array(bias, np.float32)}
-        assert decode_model(encode_model(weights, HEADER), SHAPES)[0]["0.bias"].tolist() == bias
+        assert read_model(encode_model(weights, HEADER), SHAPES, FLOAT32)[0]["0.bias"].tolist() == bias
     for bias in ([10001.0, 0.0], [0.0, -10001.0], [3e38, -3e38]):
         weights = {**WEIGHTS, "0.bias": np.array(bias, np.float32)}
         with pytest.raises(PayloadError, match=r"0\.bias has a weight of size .*, expected at most 10000"):
-            decode_model(encode_model(weights, HEADER), SHAPES)
+            read_model(encode_model(weights, HEADER), SHAPES, FLOAT32)
 
 
 def test_a_model_for_the_run_directory_is_refused_for_the_same_values() -> None:
@@ -297,7 +299,7 @@ def test_a_model_for_the_run_directory_is_refused_for_the_same_values() -> None:
 def test_a_reward_from_the_future_is_refused_as_it_would_stay_the_newest_for_ever() -> None:
     payload = altered(lambda entries: entries["__metadata__"].update(rewards='{"3": [10, 1.0]}'))
     with pytest.raises(PayloadError, match="rewards of robot 3 are of round 10, expected 1 to 9"):
-        decode_model(payload, SHAPES)
+        read_model(payload, SHAPES, FLOAT32)
 
 
 @pytest.mark.parametrize(
@@ -324,7 +326,7 @@ def test_a_motion_of_another_frame_size_is_refused() -> None:
 @given(st.binary(max_size=400))
 def test_random_bytes_never_raise_anything_but_a_refusal(payload: bytes) -> None:
     for read in (
-        lambda: decode_model(payload, SHAPES),
+        lambda: read_model(payload, SHAPES, FLOAT32),
         lambda: decode_motion(payload, image(2, 3)),
         lambda: decode_json(payload, Presence),
     ):
@@ -342,7 +344,7 @@ json_values = st.recursive(
 @given(st.sampled_from(["__metadata__", "0.weight", "0.bias", "extra"]), json_values)
 def test_random_json_in_the_header_never_raises_anything_but_a_refusal(key: str, value: object) -> None:
     with pytest.raises(PayloadError):
-        decode_model(altered(lambda entries: entries.update({key: value})), SHAPES)
+        read_model(altered(lambda entries: entries.update({key: value})), SHAPES, FLOAT32)
 
 
 @given(st.sampled_from(sorted(ModelHeader.model_json_schema(by_alias=True)["properties"])), json_values)
@@ -350,7 +352,7 @@ def test_a_random_field_is_read_or_refused(field: str, value: object) -> None:
     text = value if isinstance(value, str) else json.dumps(value)
     payload = altered(lambda entries: entries["__metadata__"].update({field: text}))
     try:
-        decode_model(payload, SHAPES)
+        read_model(payload, SHAPES, FLOAT32)
     except PayloadError:
         return
 
@@ -361,7 +363,7 @@ def test_a_flipped_byte_is_read_or_refused(data: st.DataObject) -> None:
     place = data.draw(st.integers(0, len(payload) - 1))
     payload[place] ^= data.draw(st.integers(1, 255))
     try:
-        weights, _ = decode_model(payload, SHAPES)
+        weights, _ = read_model(payload, SHAPES, FLOAT32)
     except PayloadError:
         return
     assert all(np.isfinite(tensor).all() for tensor in weights.values())

@@ -173,7 +173,7 @@ def numbers(model: type[BaseModel], where: str = "") -> list[str]:
     for name, field in model.model_fields.items():
         kind = field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
-            found += numbers(kind, f"{name}.")
+            found += numbers(kind, f"{where}{name}.")
         elif re.search(r"\b(int|float)\b", str(kind)) and "tuple" not in str(kind) and "Literal[0, 1]" not in str(kind):
             found.append(where + name)
     return found

@@ -266,7 +266,7 @@ def test_a_shorter_state_is_not_read_together_with_the_end_of_a_longer_one(tmp_p
 def test_a_durable_state_is_the_same_state(durable: bool, tmp_path: Path) -> None:
     frames = tmp_path / "frames.bin"
     frames.write_bytes(b"frames")
-    StateFile(tmp_path / "s", OWNER, frames, durable=durable).save(State(values={"n": 1}))
+    StateFile(tmp_path / "s", OWNER, durable=durable).save(State(values={"n": 1}))
     assert StateFile(tmp_path / "s", OWNER).load() == State(values={"n": 1})
 
 

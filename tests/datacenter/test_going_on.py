@@ -15,6 +15,7 @@ from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.streams import WeightsDecoder, WeightsEncoder
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
+from jouleswarm.common.disk.state import State
 from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
@@ -33,10 +34,10 @@ FEDAVG, CENTRALIZED = (Arm(name, name, 0) for name in ("fedavg", "centralized"))
 
 def through_a_file(ours: Service[Any], theirs: Service[Any], folder: Path) -> None:
     file = StateFile(folder / "s.safetensors", "o")
-    file.save(ours.state(1))
+    file.save(State.of(ours.kept(1)))
     state = file.load()
     assert state is not None
-    theirs.load_state(1, state)
+    state.into(theirs.kept(1))
 
 
 class Robots:
@@ -68,7 +69,7 @@ class Robots:
 
 
 def answer(server: WeightsService, round_: int, said: dict[int, bytes]) -> bytes:
-    arrived = {robot: [server.read(payload, 1, robot)[2]] for robot, payload in said.items()}
+    arrived = {robot: server.opened(robot, [server.read(payload, 1, robot)[2]]) for robot, payload in said.items()}
     return server.model(Turn(1, round_, arrived))[0]
 
 

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 import torch
 
+from jouleswarm.common.disk.checkpoint import owner_of
+from jouleswarm.common.disk.state import Together
 from jouleswarm.common.errors import RunError, TrainingError
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.meter.work import TallyOf, nobody
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import Array
-from jouleswarm.datacenter.center import Training
-from jouleswarm.datacenter.checkpoint import Checkpoint, owner_of
+from jouleswarm.datacenter.checkpoint import Checkpoint, forget
 from jouleswarm.datacenter.experience import Motion, TrainingExperience
 from jouleswarm.methods.meta_stage import MetaStage
 from jouleswarm.methods.method import Gradients
@@ -34,7 +35,7 @@ class MetaLearner:
         self.stage: MetaStage = scenario.method(method).stage(scenario)
         self.stage.tally = tally
         self.experience = TrainingExperience(scenario, folder)
-        training = Training(self.stage, self.experience)
+        training = Together({"stage": self.stage, "experience": Together(self.experience.kept)})
         self.state, self.load_state, self.weights = training.state, training.load_state, self.stage.weights
 
     def remember(self, task: int, motions: list[Motion]) -> None:
@@ -231,7 +232,7 @@ def test_a_stage_that_is_finished_leaves_only_the_word_that_it_is(
     checkpoint.finish()
     assert checkpoint.is_finished
     assert [path.name for path in tmp_path.iterdir()] == ["finished"]
-    checkpoint.clear()
+    forget(None, [checkpoint])
     assert not tmp_path.exists()
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.models import read_model
 from jouleswarm.codecs.raw import Raw
 from jouleswarm.common.bus.bus import MemoryHub
 from jouleswarm.common.bus.listener import Listener
@@ -25,7 +27,7 @@ from jouleswarm.common.wire.messages import (
     decode_json,
     encode_json,
 )
-from jouleswarm.common.wire.models import decode_model, encode_model
+from jouleswarm.common.wire.models import encode_model
 from jouleswarm.datacenter.cluster_rounds import ClusterDesk, Turn
 from jouleswarm.datacenter.experience import read_motion
 from jouleswarm.datacenter.services import ExperienceService, WeightsService
@@ -102,7 +104,7 @@ def test_the_cluster_gets_its_average_with_all_that_is_known_of_rewards(table: T
     table.desk.send(turn.task)
     message = table.ears.receive(DEADLINE_S)
     assert message is not None
-    average, header = decode_model(message.payload, table.shapes)
+    average, header = read_model(message.payload, table.shapes, FLOAT32)
     assert {float(value) for tensor in average.values() for value in tensor.ravel()} == {4.0}
     assert header.rewards == {1: (1, 100.0), 2: (1, 200.0)}
     assert (header.task, header.agent, header.round, header.reward, header.samples) == (1, 0, 1, 150.0, 40)

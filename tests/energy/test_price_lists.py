@@ -152,7 +152,8 @@ def test_two_lists_are_told_apart_by_name_and_label(tmp_path: Path) -> None:
 
 def test_a_word_that_is_no_list(tmp_path: Path) -> None:
     assert refusal(tmp_path, "litteral") == (
-        "price list 'litteral': expected literal, published or module:name; did you mean literal?"
+        "price list 'litteral': expected distance, frames, literal, published, radio_states or module:name; did you "
+        "mean literal?"
     )
 
 

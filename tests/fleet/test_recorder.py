@@ -311,6 +311,9 @@ def test_what_no_process_of_this_run_can_have_said_is_refused(table: Table) -> N
         (topics.presence(RUN, 1, 1), encode_json(Presence(agent=2, state="gone"))),
         (topics.presence(RUN, 1, 7), here),
         (topics.presence(RUN, "x", "y"), here),
+        (topics.meter_report(RUN, "round"), encode_json(Telemetry(row=made(1, 1), received={}))),  # of too few levels
+        (topics.meter_report(RUN, "learned"), model),
+        (topics.meter_report(RUN, "snapshot"), model),
     ]:
         table.others.publish(topic, payload)
     table.row(7, 1)
@@ -318,8 +321,8 @@ def test_what_no_process_of_this_run_can_have_said_is_refused(table: Table) -> N
     table.row(1, 1, task=2)
     table.row(1, 1, arm="sarsa")
     table.row(1, 201)  # federation.max_rounds is 200
-    table.pump_all(refused=15)
-    assert table.recorder.refused == 15
+    table.pump_all(refused=18)
+    assert table.recorder.refused == 18
     assert (table.recorder.rows, list((table.path / "weights").iterdir())) == ([], [])
     assert sorted(table.recorder.waiting_for) == CLIENTS
 

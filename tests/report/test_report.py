@@ -103,6 +103,13 @@ def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None
     assert held["scenario sizes"] is not None
 
 
+def test_a_report_holds_what_was_foretold_against_what_was_counted(complete) -> None:
+    (line,) = [each for each in notes(load_run(complete), Energy()) if each.startswith("Foretold and counted")]
+    # a pair's weights: 2 x 1,391,268 float32 by the closed form, 2 x 5000 bytes in this made-up run
+    assert "FL, no transfer, fl sidelink 11.13 MB and 10 kB (0.0009)" in line
+    assert "MAML, t0 = 3, ml uplink 49.15 MB and 40 kB (0.0008)" in line
+
+
 def test_a_run_with_no_rows_yet_is_printed(write_run, facts) -> None:
     facts.rows.clear()
     path = write_run()
@@ -365,7 +372,7 @@ def test_html_is_one_file_with_everything_in_it(complete) -> None:
     (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
     text = path.read_text(encoding="utf-8")
     assert path.name == "report.html"
-    assert text.count("<svg") == 4
+    assert text.count("<svg") == 5
     assert not re.search(r"""(src|href)=["']?(https?:|//|data:)|@import|<script|<link""", text)
     assert "currentColor" in text
     ids = re.findall(r'\bid="([^"]+)"', text)

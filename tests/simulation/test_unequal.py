@@ -11,6 +11,8 @@ import numpy.typing as npt
 import pytest
 
 from jouleswarm.agents.robot import run_agent
+from jouleswarm.codecs.floats import FLOAT32
+from jouleswarm.codecs.models import read_model
 from jouleswarm.common.bus.bus import MemoryBus, MemoryHub
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.process import use_one_thread
@@ -19,7 +21,6 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import ModelHeader
-from jouleswarm.common.wire.models import decode_model
 from jouleswarm.datacenter.center import run_datacenter
 from jouleswarm.energy.facts import Counts
 from jouleswarm.learning.networks import build_qnetwork, shapes_of
@@ -76,7 +77,7 @@ def told(bus: MemoryBus, scenario: Scenario) -> dict[tuple[int, int], tuple[Mode
     """(round, agent) -> what was said of it."""
     shapes, found = shapes_of(build_qnetwork(scenario)), {}
     while message := bus.receive(0.001):
-        model, header = decode_model(message.payload, shapes)
+        model, header = read_model(message.payload, shapes, FLOAT32)
         found[header.round, header.agent] = model, header
     return found
 

@@ -1,0 +1,64 @@
+"""Prices by themselves: constants and price lists for counts of experiments that are no scenario here."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from jouleswarm.common.doors import Kind, enter
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.links import read_links
+from jouleswarm.common.scenario.reading import Override, apply_override, energy_file, one_line
+from jouleswarm.common.scenario.robots import Robot
+from jouleswarm.common.scenario.sections import Section
+
+
+class _Held(Section):
+    energy: Energy = Energy()
+    robots: tuple[Robot, ...] = Field((), max_length=100_000)
+
+
+@dataclass(frozen=True)
+class Tariff:
+    """What a scenario would have of prices."""
+
+    energy: Energy
+    folder: Path
+    """Price lists and a table of links are looked for here."""
+    is_by_robot: bool
+    """Whether a robot or a link has a constant of its own, so that it matters who did something."""
+
+    def open(self, kind: Kind, name: str) -> Any:
+        """As of a scenario."""
+        return enter(kind, name, self.folder)
+
+
+def read_tariff(path: Path | None, changes: Iterable[Override], robots: Collection[int]) -> Tariff:
+    """The tables [energy] and [[robots]] of a TOML file, or else the paper's Table I, with changes `energy.key=value`.
+
+    Raises:
+        ConfigurationError: one line that says what is wrong; a robot or a link's end is none of `robots`.
+    """
+    where = f"energy file {path}" if path else "prices"
+    folder = path.parent if path else Path.cwd()
+    data: dict[str, Any] = {}
+    for change in [*energy_file(path), *changes]:
+        apply_override(data, change)
+    try:
+        held = _Held.model_validate(data)
+    except ValidationError as error:
+        raise ConfigurationError(f"{where}: {one_line(error)}") from error
+    ids = [robot.id for robot in held.robots]
+    if wrong := [robot for robot in ids if robot not in robots or ids.count(robot) > 1]:
+        told = f"of {sorted(robots)[0]} to {sorted(robots)[-1]}, those of the counts" if robots else "no row names one"
+        raise ConfigurationError(f"{where}: robot {wrong[0]}: expected each once, and {told}")
+    if held.energy.links is not None and not robots:
+        raise ConfigurationError(f"{where}: energy.links is given and no row names a robot, expected who did what")
+    links = None if held.energy.links is None else read_links(folder / held.energy.links, robots)
+    energy = held.energy.for_fleet(held.robots, links)
+    return Tariff(energy, folder, bool(held.robots) or links is not None)

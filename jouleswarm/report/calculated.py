@@ -1,0 +1,117 @@
+"""`jouleswarm bill`: the bill of anybody's own counts, for the terminal and as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from jouleswarm.common.scenario.reading import Override
+from jouleswarm.common.scenario.tariff import Tariff, read_tariff
+from jouleswarm.energy.bill import SITES, Bill, cause_parts, causes_of, parts, site_parts
+from jouleswarm.energy.breakeven import savings, tasks_to_pay
+from jouleswarm.energy.calculator import facts_of, robots_of, seen_of
+from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.prices import PriceList, price, price_lists
+from jouleswarm.energy.rows import read_rows
+from jouleswarm.report.format import grams_text, joules_text
+from jouleswarm.report.table import Table, terminal
+
+_SUMS = ("ml", "fl", "total")
+
+
+@dataclass(frozen=True)
+class Calculated:
+    """Facts of each arm, and its bills."""
+
+    tariff: Tariff
+    facts: Mapping[str, Facts]
+    bills: Mapping[PriceList, Mapping[str, Bill | None]]
+    """By the lists that are defined for any arm."""
+
+    seen: Mapping[str, Sequence[int]]
+    """Arm -> tasks that its stage before was learned from."""
+
+    @property
+    def break_even_tasks(self) -> Iterator[tuple[PriceList, str, str, float]]:
+        """(list, arm with a stage before, arm without, M*) of arms that learned the same tasks, told one by one."""
+        whole = {arm: each for arm, each in self.facts.items() if ("fl", STAGE) not in each.parts}
+        staged = [arm for arm, each in whole.items() if each.counts.ml != Counts()]
+        for prices, arm, other in product(self.bills, staged, whole):
+            ours, plain = whole[arm], whole[other]
+            if other not in staged and ours.rounds.keys() == plain.rounds.keys():
+                found = savings(ours, plain, self.seen[arm], self.tariff.energy, prices)
+                if found is not None:
+                    yield prices, arm, other, tasks_to_pay(found)
+
+
+def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Override] = ()) -> Calculated:
+    """Price rows (see `energy.rows.read_rows`) at the constants of a file, or else at the paper's, with changes.
+
+    Raises:
+        ConfigurationError: one line that says what is wrong and where.
+    """
+    rows = read_rows(counts)
+    tariff = read_tariff(energy, changes, robots_of(rows))
+    facts = facts_of(rows, by_robot=tariff.is_by_robot)
+    bills = {each: {arm: price(each, one, tariff.energy) for arm, one in facts.items()} for each in price_lists(tariff)}
+    told = {each: held for each, held in bills.items() if any(held.values())}
+    return Calculated(tariff, facts, told, {arm: seen_of(rows, arm) for arm in facts})
+
+
+def print_calculated(found: Calculated, console: Console | None = None) -> None:
+    """Tables of each list, and break-even."""
+    console = console or Console()
+    for table in _tables(found):
+        console.print(terminal(table))
+    for prices, arm, other, tasks in found.break_even_tasks:
+        told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
+        console.print(f"{arm} against {other}: {told} ({prices.label})", style="bold", highlight=False)
+
+
+def document(found: Calculated) -> dict[str, Any]:
+    """The same as plain data; joules, grams, and null for what is not known or never."""
+    arms: dict[str, Any] = {}
+    for arm, facts in found.facts.items():
+        energy_j = {}
+        for prices, bills in found.bills.items():
+            if bill := bills[arm]:
+                causes = {cause.key: joules for cause, joules in cause_parts(bill.both).items()}
+                energy_j[prices.name] = parts(bill) | {"by_cause": causes, "by_site": site_parts(bill.both)}
+                if has_carbon(found.tariff.energy):
+                    energy_j[prices.name]["carbon_g"] = carbon(bill, found.tariff.energy)._asdict()
+        arms[arm] = {"t0": facts.t0, "rounds": dict(facts.rounds), "counts": asdict(facts.counts), "energy_j": energy_j}
+    even: dict[str, Any] = {}
+    for prices, arm, other, tasks in found.break_even_tasks:
+        even.setdefault(prices.name, {}).setdefault(arm, {})[other] = tasks if math.isfinite(tasks) else None
+    constants = found.tariff.energy.model_dump(mode="json", exclude_defaults=True)
+    return {"energy": constants, "arms": arms, "break_even_tasks": even}
+
+
+def _tables(found: Calculated) -> Iterator[Table]:
+    """Two a list: by phase and who pays, and by cause; what a list does not tell is left out."""
+    for prices, bills in found.bills.items():
+        costs = {arm: bill.both if bill else None for arm, bill in bills.items()}
+        tells = any(cost and not cost.untold_j for cost in costs.values())
+        grams, causes = tells and has_carbon(found.tariff.energy), causes_of(costs.values())
+        sums, spent = [], []
+        for arm, cost in costs.items():
+            facts = found.facts[arm]
+            told = [parts(bills[arm])[part] for part in _SUMS] + [*site_parts(cost).values()] * tells
+            cells = [joules_text(each) for each in told]
+            cells += [
+                grams_text(each) for each in (carbon(cost, found.tariff.energy) if cost else (None, None)) if grams
+            ]
+            sums.append([arm, f"{facts.t0:g}", f"{sum(facts.rounds.values()):g}", *cells])
+            spent.append([arm, *(joules_text(cause_parts(cost)[cause]) for cause in causes)])
+        sites = [*SITES.values()] * tells + [f"gCO2e, {site}" for site in SITES.values()] * grams
+        title = f"{prices.label[0].upper()}{prices.label[1:]}"
+        yield Table(f"{title}: by phase and site", ["arm", "t0", "rounds", "E_ML", "E_FL", "E", *sites], sums)
+        if tells:
+            yield Table(f"{title}: by cause", ["arm", *(cause.heading for cause in causes)], spent)
