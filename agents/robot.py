@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from jouleswarm.agents.battery import is_empty
 from jouleswarm.agents.explorer import Explorer
 from jouleswarm.agents.memory import Memory
 from jouleswarm.agents.meta_stage import MetaLink
@@ -187,7 +188,8 @@ class Robot:
             cluster_reward = ledger.cluster_reward(round_)
             reached = cluster_reward is not None and cluster_reward >= settings.target_reward
             learned = reached and (settings.window == "partial" or ledger.is_full(round_))
-            last = learned or round_ >= settings.max_rounds
+            empty = not learned and is_empty(self.scenario, here.arm, exchange.here, self._meter, round_)
+            last = learned or empty or round_ >= settings.max_rounds
             if not last or self.memory.keeps_ends:
                 way.go_on()
             told = {
@@ -202,6 +204,8 @@ class Robot:
             }
             row = self._row("fl", arm, round_, begun, told)
             exchange.report(row)
+            if empty:
+                log.warning("robot %d: battery empty after round %d of %s", self.agent, round_, arm)
             if last:
                 return row
             if exchange.ahead:

@@ -21,6 +21,7 @@ from jouleswarm.common.scenario.bounds import (
     Pue,
     Watts,
 )
+from jouleswarm.common.scenario.countries import Country, intensities
 from jouleswarm.common.scenario.links import DATA_CENTER, LinkConstants, Links, missing
 from jouleswarm.common.scenario.radio import Distance, Frames, Place, RadioStates
 from jouleswarm.common.scenario.robots import OwnConstants, Robot
@@ -65,14 +66,20 @@ class Energy(Section):
     ul_bit_per_s: BitRate | None = Field(None, description="uplink rate; default: not known, and no seconds told")
     sl_bit_per_s: BitRate | None = Field(None, description="sidelink rate")
     dl_bit_per_s: BitRate | None = Field(None, description="downlink rate; default: as uplink")
-    idle_w: IdleWatts = Field(0.0, description="power of a robot that waits")
+    medium: Literal["shared", "own"] = Field(
+        "shared", description="one channel a cluster, messages one after the other, or each link its own at once"
+    )
+    idle_w: IdleWatts = Field(0.0, description="power of a robot that waits for others, see docs/time.md")
     datacenter_idle_w: IdleWatts = Field(0.0, description="power of the data center while it waits, before gamma")
     motion_j: Joules = Field(0.0, description="of one motion of a robot, evaluation's motions too")
     motion_s: Duration = Field(0.0, description="time of one motion")
     forward_j: Joules = Field(
         0.0, description="of one forward pass of a robot: each motion of a greedy episode has one"
     )
-    battery_j: Joules | None = Field(None, description="what a robot's battery holds; default: no end")
+    battery_j: Joules | None = Field(
+        None,
+        description="what a robot's battery holds as an arm begins; who cannot pay for another round stops",
+    )
     kinds: dict[str, OwnConstants] = Field(
         {}, description="[energy.kinds.NAME]: constants of a kind of robots, that [[robots]] name by `kind`"
     )
@@ -86,6 +93,19 @@ class Energy(Section):
     radio_states: RadioStates = RadioStates()
     datacenter_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the data center is")
     robots_g_per_kwh: CarbonIntensity | None = Field(None, description="gCO2e a kWh where the robots are charged")
+
+    datacenter_country: Country | None = Field(
+        None, description="two letters of ISO 3166-1, FI: its yearly average in place of datacenter_g_per_kwh"
+    )
+    robots_country: Country | None = Field(None, description="the same in place of robots_g_per_kwh")
+    carbon_by_hour: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="a table of columns hour (0, 1, ...) and g_per_kwh, NAME.csv beside the scenario, for a site "
+        "without number and country; after its last hour comes its first",
+    )
+    start_hour: float = Field(0.0, ge=0, le=8784, description="hour of that table in which an arm begins")
 
     _each_once = field_validator("prices")(each_once)
 
@@ -117,10 +137,11 @@ class Energy(Section):
 
     _own: dict[int, OwnConstants] = PrivateAttr(default_factory=dict)
     _links: Links | None = PrivateAttr(None)
+    _hours: tuple[float, ...] = PrivateAttr(())
     _places: dict[int, Place] = PrivateAttr(default_factory=dict)
 
-    def for_fleet(self, robots: Iterable[Robot], links: Links | None) -> Self:
-        """The same with what robots and links have of their own.
+    def for_fleet(self, robots: Iterable[Robot], links: Links | None, hours: tuple[float, ...] = ()) -> Self:
+        """The same with what robots, links and hours have of their own.
 
         Raises:
             ConfigurationError: a robot is of a kind that there is not.
@@ -136,7 +157,7 @@ class Energy(Section):
                 raise ConfigurationError(f"robot {robot.id}: its kind is {robot.kind!r}, expected {known}")
             if own := kind.own | robot.own:
                 other._own[robot.id] = OwnConstants(**own)
-        other._links = links
+        other._links, other._hours = links, hours
         return other
 
     @property
@@ -144,6 +165,48 @@ class Energy(Section):
         """Whether counts by phase are enough for the bill: the paper's constants, the same for every robot and link."""
         more = self.loss, self.idle_w, self.datacenter_idle_w, self.motion_j, self.forward_j
         return not self._own and self._links is None and not any(more)
+
+    @property
+    def _all(self) -> tuple[Energy | OwnConstants, ...]:
+        """These constants, and those that robots have of their own."""
+        return self, *self._own.values()
+
+    @property
+    def has_battery(self) -> bool:
+        """Whether any robot can run empty."""
+        return any(each.battery_j is not None for each in self._all)
+
+    @property
+    def waits_cost(self) -> bool:
+        """Whether waiting costs anybody anything."""
+        return any((self.datacenter_idle_w, *(each.idle_w for each in self._all)))
+
+    @property
+    def tells_time(self) -> bool:
+        """Whether anything is given that takes or costs time beside gradients: rates, motions, waiting."""
+        fields = "ul_bit_per_s", "sl_bit_per_s", "dl_bit_per_s", "motion_s"
+        given = [getattr(each, name) for each in self._all for name in fields]
+        return self.waits_cost or any([*given, *(link.bit_per_s for link in (self._links or {}).values())])
+
+    @property
+    def hours(self) -> tuple[float, ...]:
+        """gCO2e a kWh of each hour; empty without a table."""
+        return self._hours
+
+    @property
+    def has_own_carbon(self) -> bool:
+        """Whether any robot is charged elsewhere than the others."""
+        return any(own.g_per_kwh is not None for own in self._own.values())
+
+    def intensity_of(self, who: int | None) -> float | None:
+        """gCO2e a kWh where a robot is charged, of 0 where the data center is, of None where robots are unless told:
+        the number, else the country's; None: neither is given."""
+        if who == DATA_CENTER:
+            g_per_kwh, country = self.datacenter_g_per_kwh, self.datacenter_country
+        else:
+            g_per_kwh = (self if who is None else self.of(who)).robots_g_per_kwh
+            country = self.robots_country
+        return intensities()[country] if g_per_kwh is None and country is not None else g_per_kwh
 
     def of(self, robot: int) -> Energy:
         """The constants that hold for one robot; for the data center's own they are these."""

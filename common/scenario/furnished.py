@@ -14,6 +14,7 @@ from jouleswarm.common.scenario.arms import AnyMethod
 from jouleswarm.common.scenario.crew import Crew
 from jouleswarm.common.scenario.edges import Edges, read_edges
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.hours import read_hours
 from jouleswarm.common.scenario.links import read_links
 from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.scenario.sections import Bus
@@ -52,8 +53,8 @@ class Furnished(Crew):
     @property
     def files(self) -> dict[str, Path]:
         """Files of the user's own, by their names: what comes in by doors, and what else the scenario names."""
-        links = {} if (path := self.links_path) is None else {path.name: path}
-        return self._files(self.named) | links
+        priced = (path for path in (self.links_path, self._priced(self.energy.carbon_by_hour)) if path is not None)
+        return self._files(self.named) | {path.name: path for path in priced}
 
     def _files(self, named: Iterable[tuple[Kind, str]]) -> dict[str, Path]:
         found = (file_of(name, self._folder_of(kind, name)) for kind, name in named)
@@ -75,10 +76,14 @@ class Furnished(Crew):
     @property
     def links_path(self) -> Path | None:
         """The user's own table of links; None without."""
-        if self.energy.links is None:
+        return self._priced(self.energy.links)
+
+    def _priced(self, name: str | None) -> Path | None:
+        """A table that prices need, in the folder of their own first."""
+        if name is None:
             return None
-        first = None if self._prices_folder is None else self._prices_folder / self.energy.links
-        return first if first is not None and first.is_file() else self.beside(self.energy.links)
+        first = None if self._prices_folder is None else self._prices_folder / name
+        return first if first is not None and first.is_file() else self.beside(name)
 
     @cached_property
     def edges(self) -> Edges | None:
@@ -99,10 +104,11 @@ class Furnished(Crew):
         return {name: found for name, found in self.digests.items() if name in files}
 
     def _equip(self) -> None:
-        """Give the prices what robots and links have of their own."""
-        path = self.links_path
+        """Give the prices what robots, links and hours have of their own."""
+        path, by_hour = self.links_path, self._priced(self.energy.carbon_by_hour)
         links = None if path is None else read_links(path, self.agents)
-        vars(self)["energy"] = self.energy.for_fleet(self.robots, links)
+        hours = () if by_hour is None else read_hours(by_hour)
+        vars(self)["energy"] = self.energy.for_fleet(self.robots, links, hours)
         if "distance" in self.energy.prices:
             self.energy.check_places(self.agents)
 

@@ -103,6 +103,11 @@ class Scenario(Furnished):
             )
 
     def _check_on_missing(self) -> None:
+        if self.federation.on_missing == "wait" and self.energy.has_battery:
+            raise ValueError(
+                'federation.on_missing is "wait" and a robot has battery_j: its cluster would wait for it once it is '
+                'empty; expected "proceed" (or a battery at `report --set energy.battery_j` alone)'
+            )
         served = [kind.name for kind in self._kinds if kind.partners == "datacenter"]
         if self.federation.on_missing == "proceed" and served:
             raise ValueError(
@@ -113,7 +118,10 @@ class Scenario(Furnished):
     @property
     def determines(self) -> str:
         """All that what is learned depends on, as text."""
-        settings = self.model_dump_json(exclude=CHANGES_NOTHING)
+        priced = ("energy", "robots") if self.energy.has_battery else ()  # with a battery prices end arms
+        settings = self.model_dump_json(
+            exclude={name: CHANGES_NOTHING[name] for name in CHANGES_NOTHING.keys() - priced}
+        )
         beside = getattr(self.factory, "digest", lambda scenario: "")(self)
         return settings + (json.dumps(digests) if (digests := self.learned_by) else "") + beside
 

@@ -7,6 +7,7 @@ from dataclasses import astuple, dataclass, field, replace
 from typing import Literal, NamedTuple, TypeVar
 
 from jouleswarm.common.errors import JouleSwarmError
+from jouleswarm.common.scenario.links import DATA_CENTER
 from jouleswarm.common.wire.topics import Link
 
 T = TypeVar("T")
@@ -15,6 +16,8 @@ Phase = Literal["ml", "fl"]
 
 STAGE = 0
 """In place of a task: what phase ml did for all tasks together."""
+
+BITS_PER_BYTE = 8
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,11 @@ class Work(NamedTuple):
     """Of a robot, to learn from; those that were lost to faults too."""
     evaluation_motions: float = 0
     """Of its greedy episodes, a forward pass each; 0 in runs that did not count them."""
+
+
+def number_of(client: str) -> int:
+    """A robot's number; 0 for the data center."""
+    return int(client.removeprefix("agent-")) if client.startswith("agent-") else DATA_CENTER
 
 
 class UnknownFactError(JouleSwarmError):

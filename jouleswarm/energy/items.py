@@ -13,9 +13,9 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import DATA_CENTER
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import Bill, Cost
-from jouleswarm.energy.facts import Facts, Flow, Phase, UnknownFactError, Work
-
-BITS_PER_BYTE = 8
+from jouleswarm.energy.facts import BITS_PER_BYTE as BITS_PER_BYTE
+from jouleswarm.energy.facts import Facts, Flow, Phase, UnknownFactError, Work, number_of
+from jouleswarm.energy.times import waits
 
 
 class Item(NamedTuple):
@@ -73,6 +73,12 @@ def items(facts: Facts, energy: Energy, send: Hop = constant_hop, receive: Hop |
     if energy.sidelink == "via_base_station":
         for flow in facts.sent:
             yield from _paid(flow, energy, (number_of(flow.sender), DATA_CENTER), send, receive)
+    if energy.waits_cost:
+        for wait in waits(facts, energy):
+            at_center = wait.who == DATA_CENTER
+            watts = energy.pue * energy.datacenter_idle_w if at_center else energy.of(wait.who).idle_w
+            name = "waiting_datacenter_j" if at_center else "waiting_robots_j"
+            yield Item(wait.phase, wait.task, wait.who, name, None, watts * wait.seconds)
 
 
 def total(found: Iterable[Item]) -> Bill:
@@ -82,11 +88,6 @@ def total(found: Iterable[Item]) -> Bill:
         of_phase = sums[item.phase]
         of_phase[item.field] = of_phase.get(item.field, 0.0) + item.joules
     return Bill(Cost(**sums["ml"]), Cost(**sums["fl"]))
-
-
-def number_of(client: str) -> int:
-    """A robot's number; 0 for the data center."""
-    return int(client.removeprefix("agent-")) if client.startswith("agent-") else DATA_CENTER
 
 
 def _computed(work: Work, energy: Energy) -> Iterator[Item]:

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import DATA_CENTER
 from jouleswarm.common.scenario.radio import RadioStates
-from jouleswarm.energy.facts import Facts, Flow, Phase
-from jouleswarm.energy.items import BITS_PER_BYTE, Item, LinkModel, constant_hop, field_of, number_of
+from jouleswarm.energy.facts import Facts, Flow, Phase, number_of
+from jouleswarm.energy.items import BITS_PER_BYTE, Item, LinkModel, constant_hop, field_of
 
 
 def _send(energy: Energy, sender: int, receiver: int, flow: Flow) -> float:

@@ -85,7 +85,7 @@ def parse_beta(text: str) -> Beta:
 def reprice(scenario: Scenario, changes: Iterable[Override], where: str) -> tuple[Scenario, str]:
     """A scenario at other prices, and what these put into file names: "" for the same prices.
 
-    Price lists that are named anew are looked for in the current folder, before those that a run has kept.
+    Price lists and tables that are named anew are looked for in the current folder, before those that a run has kept.
 
     Args:
         scenario: of what has been run.
@@ -101,7 +101,7 @@ def reprice(scenario: Scenario, changes: Iterable[Override], where: str) -> tupl
         if not key.startswith("energy."):
             raise ConfigurationError(f"--set {each}: expected energy.KEY=VALUE; anything else needs another run")
     fields = list(dict.fromkeys(key.removeprefix("energy.") for key in keys))
-    folder = Path.cwd() if "prices" in fields else None
+    folder = Path.cwd() if {"prices", "links", "carbon_by_hour"} & {*fields} else None
     other = with_prices(scenario, held, where, folder)
     words = "".join(f"-{_word(field, _at(other.energy, field))}" for field in fields)
     return other, "" if other.energy == scenario.energy else words

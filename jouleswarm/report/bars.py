@@ -95,9 +95,10 @@ def _facts(run: Run, arm: str) -> Facts:
 
 
 def _parted(bill: Bill | None) -> tuple[float, float]:
-    """Learning, and what is not: nothing is drawn of an arm for which the list is not defined."""
+    """Learning, acting and waiting, and what is not: nothing is drawn of an arm for which the list is not defined."""
     cost = bill.both if bill else Cost()
-    return cost.learning_j, cost.communication_j + cost.other_j + cost.untold_j
+    moved = cost.communication_j + cost.other_j + cost.untold_j
+    return cost.total_j - moved, moved
 
 
 def _energy_bars(axes: Axes, found: Bars, factor: float, held: dict[str, str], *, numbered: bool) -> None:

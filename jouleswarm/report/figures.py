@@ -17,6 +17,7 @@ from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure
 from jouleswarm.report.spending import learned_figure
+from jouleswarm.report.times import time_figure
 from jouleswarm.report.why import tornado_figure
 from jouleswarm.runs.breakeven import comparable
 from jouleswarm.runs.curves import curves
@@ -24,7 +25,7 @@ from jouleswarm.runs.run import Run
 
 CAPTIONS = {
     "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), measured payload bytes; "
-    "closed form where nothing was metered). Plain: learning; hatched: communication.",
+    "closed form where nothing was metered). Plain: learning, acting and waiting; hatched: communication.",
     "rounds": "Rounds of meta-learning in the data center and rounds until each task was learned; a cross marks a "
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
@@ -33,6 +34,8 @@ CAPTIONS = {
     "the same part of its total); curves begin when their stage is paid for.",
     "why": "What the comparison hangs on: joules with a model learned first over joules without, where one constant is "
     "halved (the arrow's end) or doubled; dashed is the verdict's turning.",
+    "time": "Energy (equations (8)-(12), measured payload bytes) against seconds to learn, an arm a point; dashed "
+    "through the arms that no other beats in both.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }
 STYLE: dict[Any, Any] = {
@@ -58,15 +61,16 @@ _FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
     "rewards": rewards_figure,
     "learned": learned_figure,
     "why": tornado_figure,
+    "time": time_figure,
     "bytes": bytes_figure,
 }
-_OF_PRICES = ("energy", "learned", "why")
+_OF_PRICES = ("energy", "learned", "why", "time")
 
 
 def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
     """Draw all figures, their curves as CSV too, into RUN/figures; at other prices (`suffix`) those that change."""
     folder = run.path / "figures"
-    names = [name for name in _of(run) if not suffix or name in _OF_PRICES]
+    names = [name for name in _of(run, energy) if not suffix or name in _OF_PRICES]
     drawn = ((name, partial(_FIGURES[name], run, energy)) for name in names)
     written = [path for name, draw in drawn for path in save_figure(folder, f"{name}{suffix}", draw)]
     table = folder / f"learned{suffix}.csv"
@@ -88,7 +92,7 @@ def save_figure(folder: Path, name: str, draw: Callable[[], Figure], dpi: int = 
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     """Figures by name as SVG elements for one HTML page: the page's text colour, no two ids alike."""
     found = {}
-    for name in _of(run):
+    for name in _of(run, energy):
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
             _FIGURES[name](run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
@@ -100,6 +104,7 @@ def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     return found
 
 
-def _of(run: Run) -> list[str]:
-    """The figures that a run has: where nothing may be compared, there is no why."""
-    return [name for name in _FIGURES if name != "why" or comparable(run)]
+def _of(run: Run, energy: Energy) -> list[str]:
+    """The figures that a run has: where nothing may be compared, there is no why, and without rates no time."""
+    there = {"why": bool(comparable(run)), "time": energy.tells_time}
+    return [name for name in _FIGURES if there.get(name, True)]

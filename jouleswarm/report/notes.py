@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from jouleswarm.common.scenario.arms import Arm, snapshot_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.carbon import has_carbon
+from jouleswarm.energy.carbon import at_sites, has_carbon
 from jouleswarm.energy.literal import downlink_bit_per_j, literal
 from jouleswarm.energy.prices import own_lists
 from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, published, published_bill
@@ -34,7 +34,8 @@ def headline(run: Run, energy: Energy) -> str:
     )
     if not has_carbon(energy):
         return line
-    sites = {"data center": energy.datacenter_g_per_kwh, "robots": energy.robots_g_per_kwh}
+    known = at_sites(energy)
+    sites = {"data center": known.datacenter_g_per_kwh, "robots": known.robots_g_per_kwh}
     told = (f"{site} {'unknown' if value is None else f'{value:g}'}" for site, value in sites.items())
     return f"{line}; gCO2e/kWh: {', '.join(told)}"
 
@@ -191,6 +192,8 @@ def _notes_of_the_processors(run: Run) -> list[str]:
 def _notes_of_faults(run: Run) -> list[str]:
     """What faults have cost in bytes; nothing where nothing has failed."""
     lines = []
+    if empty := _emptied(run):
+        lines.append(f"Batteries empty: {'; '.join(empty)}.")
     if any(row.missed for row in run.rows):
         lines.append(f"Robots went on without neighbours that were gone: {'; '.join(_missed(run))}.")
     found = conservation(run.meter_rows)
@@ -209,6 +212,13 @@ def _notes_of_faults(run: Run) -> list[str]:
     if found.broken and not run.misfits:  # of a run cut short: the two sides stopped counting at other moments
         lines.append(_do_not_fit(found.broken))
     return lines
+
+
+def _emptied(run: Run) -> list[str]:
+    """Who stopped before its task was learned and its rounds were over: nothing but an empty battery does that."""
+    names, most = labels(run.scenario), run.scenario.federation.max_rounds
+    ends = [row for row in run.rows if row.learned is False and row.round < most]
+    return [f"{names[row.arm]}: robot {row.agent} after round {row.round}" for row in ends]
 
 
 def _do_not_fit(broken: Sequence[Balance]) -> str:

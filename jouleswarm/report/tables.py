@@ -5,7 +5,7 @@ from __future__ import annotations
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.bill import PARTS, SITES, Cost, cause_parts, causes_of, site_parts
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists, price
@@ -13,6 +13,7 @@ from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text, grams_text, joules_text, number_text
 from jouleswarm.report.measured import measured_tables
 from jouleswarm.report.table import Table
+from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.report.why import breakeven_tables, uncertain_tables
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import NOT_DEFINED, Column, bills, columns, telling_lists
@@ -32,6 +33,8 @@ def report_tables(run: Run, energy: Energy) -> list[Table]:
         *sites_tables(run, energy),
         *lost_tables(run, energy),
         *measured_tables(run),
+        *seconds_tables(run, energy),
+        *battery_tables(run, energy),
         *breakeven_tables(run, energy),
         *uncertain_tables(run, energy),
         rounds_table(run),
@@ -104,7 +107,7 @@ def sites_tables(run: Run, energy: Energy) -> list[Table]:
             metered = run.facts[arm].metered
             cells = [joules_text(joules) for joules in site_parts(cost, metered).values()]
             if shown:
-                grams = carbon(cost, energy) if cost and metered else None
+                grams = carbon(cost, at_sites(energy, run.facts[arm])) if cost and metered else None
                 known = (grams.datacenter_g, grams.robots_g, grams.total_g) if grams else (None, None, None)
                 cells += [grams_text(value) for value in known]
             rows.append([labels(run.scenario)[arm], *cells])

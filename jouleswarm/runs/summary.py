@@ -16,10 +16,11 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.battery import lives
 from jouleswarm.energy.bill import Bill, Cost, Joules, cause_parts, causes_of, parts, site_parts
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import Facts
-from jouleswarm.energy.literal import bill, literal
+from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, price_lists, with_beta
 from jouleswarm.energy.published import published
 from jouleswarm.runs.arm_facts import arm_facts
@@ -27,6 +28,7 @@ from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.facts import meta_rounds, task_results, zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions, lost_work
 from jouleswarm.runs.measured import by_role
+from jouleswarm.runs.seconds import seconds_parts
 from jouleswarm.runs.traffic import metered_by, traffic
 
 SCHEMA = 2
@@ -89,7 +91,7 @@ def _by_cause(cost: Cost, metered: bool) -> dict[str, Joules]:
 
 def _lost_parts(done: Facts, kept: Facts, motions: int, energy: Energy) -> dict[str, Any]:
     """What was computed and is in no row, what it cost, and the literal bill without it."""
-    with_it, without = bill(done.counts, energy), bill(kept.counts, energy)
+    with_it, without = literal.price(done, energy), literal.price(kept, energy)
     costs, were = with_it.both, without.both
     counts, told = (each.counts.ml + each.counts.fl for each in (done, kept))
     names = ("gradients_support", "gradients_query", "gradients_robots")
@@ -114,7 +116,9 @@ def _arm_summary(
     done = arm_facts(scenario, rows, meter_rows, arm.name, lost=lost)
     kept = arm_facts(scenario, rows, meter_rows, arm.name) if lost else done
     energy, metered, motions = with_beta(scenario.energy, done), done.metered, lost_motions(lost, arm.name)
-    cost, results = bill(done.counts, energy).both, task_results(scenario, rows, arm.name, tasks)
+    priced = literal.price(done, energy)
+    held = lives(done, energy) if energy.has_battery else {}
+    results = task_results(scenario, rows, arm.name, tasks)
     return {
         "method": arm.method,
         "t0": done.t0,
@@ -122,13 +126,15 @@ def _arm_summary(
         "zero_shot_share": zero_shot_share(results) if results else None,
         "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
         "energy_j": {
-            "literal": bill_parts(literal.price(done, energy), metered),
+            "literal": bill_parts(priced, metered),
             "published": bill_parts(published.price(done, energy), is_whole(published, done)),
-            "by_cause": _by_cause(cost, metered),
-            "by_site": site_parts(cost, metered),
+            "by_cause": _by_cause(priced.both, metered),
+            "by_site": site_parts(priced.both, metered),
             **{each.name: _own_bill(each, done, energy) for each in own},
         },
-        "carbon_g": carbon_parts(cost, scenario.energy, metered),
+        "carbon_g": carbon_parts(priced.both, at_sites(energy, done), metered),
+        "seconds": seconds_parts(done, energy),
+        **({"battery": {str(robot): each._asdict() for robot, each in held.items()}} if held else {}),
         **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
     }
@@ -147,5 +153,5 @@ def _own_bill(prices: PriceList, facts: Facts, energy: Energy) -> dict[str, Any]
         **(bill_parts(priced, metered) or {}),
         "by_cause": _by_cause(cost, metered),
         "by_site": site_parts(cost, metered),
-        **({"carbon_g": grams} if (grams := carbon_parts(cost, energy, metered)) else {}),
+        **({"carbon_g": grams} if (grams := carbon_parts(cost, at_sites(energy, facts), metered)) else {}),
     }

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import PAPER_CAUSES, Cause
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists
@@ -81,7 +81,7 @@ def carbon_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
     def grams(name: str) -> Value:
         def value(run: list[Fact]) -> float | None:
             bill = priced(run, energy, prices)
-            found: float | None = getattr(carbon(bill, energy), name) if bill else None
+            found: float | None = getattr(carbon(bill, at_sites(energy)), name) if bill else None
             return found
 
         return value

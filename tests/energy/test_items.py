@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.common.scenario.links import read_links
+from jouleswarm.common.scenario.links import LinkConstants, read_links
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.robots import Robot
 from jouleswarm.common.wire.topics import Link
@@ -142,3 +142,49 @@ def test_with_the_papers_constants_the_items_are_the_papers_bill(
         assert math.isclose(by_items.both.by_cause[cause], joules, rel_tol=1e-9, abs_tol=1e-9)
     assert all(math.isclose(each, by_items.total_j, rel_tol=1e-9) for each in by_items.sums_j.values())
     assert math.isclose(sum(item.joules for item in items(facts, energy)), by_items.total_j, rel_tol=1e-9)
+
+
+_SOME = st.floats(0.1, 1e3)
+_OWN = st.fixed_dictionaries(
+    {},
+    optional=dict.fromkeys(("pk_w", "tk_batch_s", "motion_j", "ul_bit_per_j", "sl_bit_per_j", "dl_bit_per_j"), _SOME),
+)
+
+
+@given(st.lists(_OWN, min_size=2, max_size=6), st.lists(_SIZES, min_size=6, max_size=6), st.data())
+def test_links_sites_causes_and_phases_of_any_fleet_come_to_the_total(
+    own: list[dict[str, float]], sizes: list[int], data: st.DataObject
+) -> None:
+    robots = range(1, len(own) + 1)
+    links = data.draw(
+        st.none()
+        | st.just(
+            {
+                (a, b): LinkConstants(bit_per_j=10 + a + 7 * b, j_per_message=a / 9, loss=b / 9)
+                for a in (0, *robots)
+                for b in (0, *robots)
+                if a != b
+            }
+        )
+    )
+    sidelink = data.draw(st.sampled_from(["direct", "via_base_station"]))
+    energy = Energy.model_validate({"sidelink": sidelink, "motion_j": 2, "base_station_pue": 1.3, "loss": 0.25})
+    energy = energy.for_fleet(
+        [Robot(id=robot, **constants) for robot, constants in zip(robots, own, strict=True)], links
+    )
+    flows = [_flow(Link.UPLINK, robot, 0, sizes[0]) for robot in robots]
+    flows += [_flow(Link.DOWNLINK, 0, robot, sizes[1]) for robot in robots]
+    flows += [_flow(Link.SIDELINK, a, b, sizes[2]) for a in robots for b in robots if a != b]
+    sent = [_flow(Link.SIDELINK, robot, 0, sizes[2])._replace(receiver="") for robot in robots]
+    work = [Work("fl", 1, robot, sizes[3], 0, 0.0, 1, sizes[4], sizes[5]) for robot in robots] + [
+        Work("ml", 1, 0, 7, 3, 0.0)
+    ]
+    found = list(items(_facts(flows, work, sent), energy))
+    bill = literal.price(_facts(flows, work, sent), energy)
+    sums = [*bill.sums_j.values(), math.fsum(item.joules for item in found)]
+    by_link: dict[tuple[int, int] | None, float] = {}
+    for item in found:
+        by_link[item.ends] = by_link.get(item.ends, 0.0) + item.joules
+    assert all(math.isclose(each, bill.total_j, rel_tol=1e-9, abs_tol=1e-9) for each in (*sums, sum(by_link.values())))
+    robots_j = math.fsum(item.joules for item in found if item.payer)
+    assert math.isclose(robots_j, bill.robots_j, rel_tol=1e-9, abs_tol=1e-9)

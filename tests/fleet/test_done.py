@@ -166,7 +166,7 @@ def test_a_robot_killed_while_leaving_whose_neighbour_has_ended_comes_back_to_th
     presence, said = topics.presence(RUN, 1, 2), []
 
     def stop_at_the_end(topic: str) -> None:
-        if said.count(presence) == 4:  # stage 0, 1 twice (its round 0) and 2 are out: its neighbour need not wait for it
+        if said.count(presence) == 4:  # stages 0, 1 (twice, for its round 0) and 2 are out: nobody waits for it
             one._thread.join(DEADLINE_S)
             two._dead.set()
         said.append(topic)

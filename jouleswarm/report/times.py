@@ -1,0 +1,84 @@
+"""What a report tells of time, where link rates or the like are given: a table, and joules against seconds."""
+
+from __future__ import annotations
+
+import math
+
+from matplotlib.figure import Figure
+
+from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.battery import lives
+from jouleswarm.energy.literal import literal
+from jouleswarm.energy.prices import price, with_beta
+from jouleswarm.energy.times import Seconds, Times, times
+from jouleswarm.report.arms import INK, colours, labels
+from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
+from jouleswarm.report.format import joules_text, number_text
+from jouleswarm.report.table import Table
+from jouleswarm.runs.run import Run
+from jouleswarm.runs.seconds import front
+
+
+def seconds_tables(run: Run, energy: Energy) -> list[Table]:
+    """Seconds of the stage, of each task and of the whole; none where nothing is given that tells of time."""
+    if not energy.tells_time:
+        return []
+    held, rows = _times(run, energy), []
+    for arm, name in labels(run.scenario).items():
+        found = held[arm]
+        cells = [found.ml, *(found.tasks.get(task) for task in run.scenario.clusters), found.total]
+        rows.append([name, *(_text(each) for each in cells), number_text(found.total.communication_s)])
+    title = "Seconds to learn"
+    if any(found.total.communication_s is None for found in held.values()):
+        title += " (computing alone: communication is not known, give rates of all links in bit/s)"
+    headings = ["arm", "stage", *(f"task {task}" for task in run.scenario.clusters), "all", "of that on links"]
+    return [Table(title, headings, rows)]
+
+
+def battery_tables(run: Run, energy: Energy) -> list[Table]:
+    """How long robots' batteries last; none where no robot has one."""
+    if not energy.has_battery:
+        return []
+    rows = []
+    for arm, name in labels(run.scenario).items():
+        held = lives(facts := run.facts[arm], with_beta(energy, facts))
+        ends = {robot: math.inf if each.rounds is None else each.rounds for robot, each in held.items()}
+        cells: list[str] = []
+        for robot in (min(ends, key=ends.__getitem__), max(ends, key=ends.__getitem__)) if ends else ():
+            after = "no end" if held[robot].rounds is None else f"{held[robot].rounds}"
+            cells += [f"robot {robot}", joules_text(held[robot].round_j), after]
+        rows.append([name, *(cells or ["-"] * 6)])
+    headings = ["arm", "first empty", "a round", "after rounds", "last empty", "a round", "after rounds"]
+    return [Table("Batteries, full as each arm begins", headings, rows)]
+
+
+def time_figure(run: Run, energy: Energy) -> Figure:
+    """E, eq. (12), against seconds, an arm a point; the line goes through those that none beats in both."""
+    figure = new_figure(2.8 + legend_in(len(run.scenario.arms)))
+    axes = figure.subplots()
+    held, points = _times(run, energy), {}
+    known = all(found.total.communication_s is not None for found in held.values())
+    for arm, found in held.items():
+        bill = price(literal, run.facts[arm], energy)
+        if bill is not None and run.facts[arm].metered:
+            points[arm] = (found.total.computing_s + (found.total.communication_s or 0.0), bill.total_j / 1e3)
+    best = [points[arm] for arm in front(points)]
+    axes.step([x for x, _ in best], [y for _, y in best], where="post", color=INK, linewidth=0.7, linestyle="--")
+    for arm, (seconds, kilojoules) in points.items():
+        edge = INK if (seconds, kilojoules) in best else "none"
+        axes.scatter(seconds, kilojoules, color=colours(run.scenario)[arm], edgecolors=edge, zorder=3)
+    axes.set_xlabel("seconds to learn" if known else "seconds of computing (communication is not known)")
+    axes.set_ylabel("energy (kJ)")
+    axes.margins(0.1)
+    figure.legend(handles=arm_patches(run), loc="outside upper center", ncols=LEGEND_COLUMNS)
+    return figure
+
+
+def _times(run: Run, energy: Energy) -> dict[str, Times]:
+    return {arm: times(facts, with_beta(energy, facts)) for arm, facts in run.facts.items()}
+
+
+def _text(seconds: Seconds | None) -> str:
+    if seconds is None:
+        return "-"
+    return number_text(seconds.computing_s if seconds.total_s is None else seconds.total_s)
