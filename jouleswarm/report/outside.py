@@ -59,7 +59,7 @@ def outside_table(run: Run, energy: Energy, meters: Meters) -> Table:
     metered = {agent: [powers[name] for name in names] for agent, names in of_agent.items()}
     rows: list[list[Cell]] = []
     known_s = 0.0
-    for arm, facts in run.facts.items():
+    for arm, facts in run.kept_facts.items():
         priced = _priced(facts, energy)
         for found in read(run.rows, spans, arm, metered):
             rows.append([labels(run.scenario)[arm], *_cells(found, priced.get((found.phase, found.agent), (0.0, 0.0)))])
