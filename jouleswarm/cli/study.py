@@ -86,6 +86,22 @@ def distance(
     _list(written)
 
 
+@study.command()
+def savazzi2021(
+    facts: Annotated[
+        Path, typer.Argument(help="A results folder of `study baselines`, whose facts.csv is priced.")
+    ] = Path("results/compact-baselines"),
+    set_: EnergyOption = None,
+    results: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results/savazzi2021"),
+) -> None:
+    """Centralized learning, FL by a server and consensus FL over link efficiencies and countries, after Savazzi et al.
+    2021 (arXiv 2103.10346): where each wins. Nothing is run.
+    """
+    from jouleswarm.studies.savazzi2021 import make_study
+
+    _list(make_study(facts, set_ or [], results))
+
+
 def _command(name: StudyName) -> Callable[..., None]:
     def command(
         profile: ProfileOption = Profile.COMPACT,

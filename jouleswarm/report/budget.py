@@ -20,6 +20,9 @@ _UNITS = {
     "kbit": ("bits", 1e3),
     "Mbit": ("bits", 1e6),
     "Gbit": ("bits", 1e9),
+    "s": ("seconds", 1.0),
+    "min": ("seconds", 60.0),
+    "h": ("seconds", 3600.0),
     "gradients": ("gradients", 1.0),
     "motions": ("motions", 1.0),
 }
@@ -46,9 +49,14 @@ def budget_table(points: pd.DataFrame, budget: str) -> Table:
     """A row an arm.
 
     Raises:
-        ConfigurationError: the budget is no amount.
+        ConfigurationError: the budget is no amount, or of what is not known.
     """
     what, amount = parse_budget(budget)
+    if points[what].isna().any():
+        raise ConfigurationError(
+            f"--budget {budget}: {what} are not known of this run; bytes must be counted, and for seconds energy needs "
+            "ul_bit_per_s and sl_bit_per_s"
+        )
     rows = []
     for arm, point in within(points, amount, what).items():
         if point is None:

@@ -16,12 +16,16 @@ from jouleswarm.common.scenario.tariff import Tariff, read_tariff
 from jouleswarm.energy.bill import SITES, Bill, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.breakeven import savings, tasks_to_pay
 from jouleswarm.energy.calculator import facts_of, robots_of, seen_of
-from jouleswarm.energy.carbon import carbon, has_carbon
+from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import STAGE, Counts, Facts
-from jouleswarm.energy.prices import PriceList, price, price_lists
+from jouleswarm.energy.prices import PriceList, price, price_lists, with_beta
+from jouleswarm.energy.published import published
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.report.format import grams_text, joules_text
-from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.table import Table, show
+from jouleswarm.report.times import times_tables
+from jouleswarm.report.why import ranges_tables
+from jouleswarm.runs.seconds import seconds_parts
 
 _SUMS = ("ml", "fl", "total")
 
@@ -66,10 +70,14 @@ def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Overrid
 
 
 def print_calculated(found: Calculated, console: Console | None = None) -> None:
-    """Tables of each list, and break-even."""
+    """Tables of each list, with intervals where constants are ranges, and break-even."""
     console = console or Console()
-    for table in _tables(found):
-        console.print(terminal(table))
+    plain = next((arm for arm, facts in found.facts.items() if facts.counts.ml == Counts()), next(iter(found.facts)))
+    names, energy = {arm: arm for arm in found.facts}, found.tariff.energy
+    lists = [each for each in found.bills if each != published]  # which follows none of the constants
+    ranges = [table for each in lists for table in ranges_tables(found.facts, names, energy, each, plain)]
+    for table in (*_tables(found), *ranges):
+        show(table, console)
     for prices, arm, other, tasks in found.break_even_tasks:
         told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
         console.print(f"{arm} against {other}: {told} ({prices.label})", style="bold", highlight=False)
@@ -85,8 +93,10 @@ def document(found: Calculated) -> dict[str, Any]:
                 causes = {cause.key: joules for cause, joules in cause_parts(bill.both).items()}
                 energy_j[prices.name] = parts(bill) | {"by_cause": causes, "by_site": site_parts(bill.both)}
                 if has_carbon(found.tariff.energy):
-                    energy_j[prices.name]["carbon_g"] = carbon(bill, found.tariff.energy)._asdict()
+                    energy_j[prices.name]["carbon_g"] = carbon(bill, at_sites(found.tariff.energy, facts))._asdict()
         arms[arm] = {"t0": facts.t0, "rounds": dict(facts.rounds), "counts": asdict(facts.counts), "energy_j": energy_j}
+        if found.tariff.energy.tells_time:
+            arms[arm]["seconds"] = seconds_parts(facts, with_beta(found.tariff.energy, facts))
     even: dict[str, Any] = {}
     for prices, arm, other, tasks in found.break_even_tasks:
         even.setdefault(prices.name, {}).setdefault(arm, {})[other] = tasks if math.isfinite(tasks) else None
@@ -105,9 +115,9 @@ def _tables(found: Calculated) -> Iterator[Table]:
             facts = found.facts[arm]
             told = [parts(bills[arm])[part] for part in _SUMS] + [*site_parts(cost).values()] * tells
             cells = [joules_text(each) for each in told]
-            cells += [
-                grams_text(each) for each in (carbon(cost, found.tariff.energy) if cost else (None, None)) if grams
-            ]
+            if grams:
+                here = at_sites(found.tariff.energy, facts)
+                cells += [grams_text(each) for each in (carbon(cost, here) if cost else (None, None))]
             sums.append([arm, f"{facts.t0:g}", f"{sum(facts.rounds.values()):g}", *cells])
             spent.append([arm, *(joules_text(cause_parts(cost)[cause]) for cause in causes)])
         sites = [*SITES.values()] * tells + [f"gCO2e, {site}" for site in SITES.values()] * grams
@@ -115,3 +125,4 @@ def _tables(found: Calculated) -> Iterator[Table]:
         yield Table(f"{title}: by phase and site", ["arm", "t0", "rounds", "E_ML", "E_FL", "E", *sites], sums)
         if tells:
             yield Table(f"{title}: by cause", ["arm", *(cause.heading for cause in causes)], spent)
+    yield from times_tables(found.facts, {arm: arm for arm in found.facts}, found.tariff.energy)

@@ -21,7 +21,7 @@ from jouleswarm.report.figures import write_figures
 from jouleswarm.report.html import write_html
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
 from jouleswarm.report.outside import Meters, outside_table
-from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.table import Table, show
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
 from jouleswarm.runs.curves import curves
@@ -87,7 +87,7 @@ def print_report(
         console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in tables:
-        console.print(terminal(table))
+        show(table, console)
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)
     for line in notes(run, energy):

@@ -13,11 +13,12 @@ from jouleswarm.runs.run import Run
 
 
 def learned_figure(run: Run, energy: Energy) -> Figure:
-    """Share of tasks learned, and the mean R, against joules, bits, gradients and motions."""
+    """Share of tasks learned, and the mean R, against all that is known to have been spent."""
     points = curves(run, energy)
+    known = {what: heading for what, heading in SPENT.items() if points[what].notna().all()}
     figure = new_figure(3.6 + legend_in(len(run.scenario.arms)))
-    grid = figure.subplots(2, len(SPENT), sharex="col", sharey="row", squeeze=False)
-    for column, (what, heading) in enumerate(SPENT.items()):
+    grid = figure.subplots(2, max(1, len(known)), sharex="col", sharey="row", squeeze=False)
+    for column, (what, heading) in enumerate(known.items()):
         upper, lower = grid[0][column], grid[1][column]
         for arm, colour in colours(run.scenario).items():
             rows = points[(points["arm"] == arm) & (points[what] > 0)]

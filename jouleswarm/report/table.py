@@ -7,10 +7,11 @@ import html
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import rich.table
 from rich.box import SIMPLE_HEAVY
+from rich.console import Console
 from rich.markup import escape
 
 Cell = str | int | float | bool | None
@@ -30,6 +31,10 @@ class Table(NamedTuple):
     styles: Mapping[int, str] = MappingProxyType({})
 
 
+_PADDING, _EDGES = 2, 2
+"""Of a column, and of a table, on a terminal."""
+
+
 def number(value: float) -> str:
     """A number for readers: three digits or one decimal, whichever is more."""
     return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
@@ -46,11 +51,44 @@ def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
         padding=(0, 1, 0, 0),
         show_lines=wrap,
     )
+    rows = [row for row, _ in _styled(table)]
     for place, heading in enumerate(table.headings):
-        shown.add_column(escape(heading), justify="right" if place else "left", no_wrap=(place == 0) != wrap)
+        # Words and figures stay whole, so that a narrow terminal cuts none of them.
+        least = None if wrap else max([*map(len, heading.split()), *(len(row[place]) for row in rows)], default=0)
+        side: Literal["left", "right"] = "right" if place else "left"
+        shown.add_column(escape(heading), justify=side, no_wrap=(place == 0) != wrap, min_width=least, overflow="fold")
     for row, style in _styled(table):
         shown.add_row(*map(escape, row), style=style, end_section=style == "bold")
     return shown
+
+
+def show(table: Table, console: Console) -> None:
+    """Print it: whole, or where that is too wide in several, so that nothing is cut."""
+    for part in narrowed(table, console.width):
+        console.print(terminal(part))
+
+
+def narrowed(table: Table, width: int) -> list[Table]:
+    """The table; or where it is wider than so many characters several, each with some of its columns after names."""
+    rows = [cells for cells, _ in _styled(table)]
+    needs = [
+        max([*map(len, heading.split()), *(len(row[place]) for row in rows)], default=0) + _PADDING
+        for place, heading in enumerate(table.headings)
+    ]
+    parts: list[list[int]] = [[]]
+    for place in range(1, len(needs)):
+        if parts[-1] and needs[0] + sum(needs[each] for each in parts[-1]) + needs[place] + _EDGES > width:
+            parts.append([])
+        parts[-1].append(place)
+    return [
+        table._replace(
+            title=table.title if number == 0 else f"{table.title} (more of it)",
+            headings=[table.headings[place] for place in (0, *part)],
+            rows=[[row[place] for place in (0, *part)] for row in table.rows],
+            notes=table.notes if number == len(parts) - 1 else (),
+        )
+        for number, part in enumerate(parts)
+    ]
 
 
 def html_text(table: Table) -> str:

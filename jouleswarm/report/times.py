@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.battery import lives
+from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, with_beta
 from jouleswarm.energy.times import Seconds, Times, times
@@ -21,17 +23,23 @@ from jouleswarm.runs.seconds import front
 
 def seconds_tables(run: Run, energy: Energy) -> list[Table]:
     """Seconds of the stage, of each task and of the whole; none where nothing is given that tells of time."""
+    return times_tables(run.facts, labels(run.scenario), energy)
+
+
+def times_tables(facts: Mapping[str, Facts], names: Mapping[str, str], energy: Energy) -> list[Table]:
+    """The same of any arms, by what they are called."""
     if not energy.tells_time:
         return []
-    held, rows = _times(run, energy), []
-    for arm, name in labels(run.scenario).items():
+    held, rows = {arm: times(each, with_beta(energy, each)) for arm, each in facts.items()}, []
+    tasks = sorted({task for found in held.values() for task in found.tasks})
+    for arm, name in names.items():
         found = held[arm]
-        cells = [found.ml, *(found.tasks.get(task) for task in run.scenario.clusters), found.total]
+        cells = [found.ml, *(found.tasks.get(task) for task in tasks), found.total]
         rows.append([name, *(_text(each) for each in cells), number_text(found.total.communication_s)])
     title = "Seconds to learn"
     if any(found.total.communication_s is None for found in held.values()):
         title += " (computing alone: communication is not known, give rates of all links in bit/s)"
-    headings = ["arm", "stage", *(f"task {task}" for task in run.scenario.clusters), "all", "of that on links"]
+    headings = ["arm", "stage", *(f"task {task}" for task in tasks), "all", "of that on links"]
     return [Table(title, headings, rows)]
 
 

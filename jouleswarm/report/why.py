@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from matplotlib.figure import Figure
 
@@ -63,21 +63,27 @@ def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> l
 
 def uncertain_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
     """The bills at constants that are ranges, and how likely each arm is the cheaper one; none where all are exact."""
-    if not energy.uncertain:
+    metered = {arm: facts for arm, facts in run.facts.items() if facts.metered}
+    return ranges_tables(metered, labels(run.scenario), energy, prices, BASELINE)
+
+
+def ranges_tables(
+    facts: Mapping[str, Facts], names: Mapping[str, str], energy: Energy, prices: PriceList, plain: str
+) -> list[Table]:
+    """The same of any arms, by their names; `plain`: the one that the others are held against."""
+    arms = [arm for arm, each in facts.items() if price(prices, each, energy) is not None] if energy.uncertain else []
+    if not arms:
         return []
-    arms = [arm for arm, facts in run.facts.items() if price(prices, facts, energy) is not None and facts.metered]
-    beta = {arm: with_beta(energy, run.facts[arm]).beta for arm in arms}
-    drawn = list(draw(energy))
-    totals = {arm: total_of(run.facts[arm], prices, beta[arm]) for arm in arms}
-    joules, rows = bills(totals, drawn), []
+    beta = {arm: with_beta(energy, facts[arm]).beta for arm in arms}
+    totals = {arm: total_of(facts[arm], prices, beta[arm]) for arm in arms}
+    joules, rows = bills(totals, list(draw(energy))), []
     for arm in arms:
         found = interval(joules[arm])
-        cheaper = f"{pays(joules[arm], joules[BASELINE]):.1%}" if arm != BASELINE and BASELINE in joules else ""
+        cheaper = f"{pays(joules[arm], joules[plain]):.1%}" if arm != plain and plain in joules else ""
         told = (joules_text(found.mean), f"{joules_text(found.low)} to {joules_text(found.high)}", cheaper)
-        rows.append([labels(run.scenario)[arm], joules_text(totals[arm](energy)), *told])
+        rows.append([names[arm], joules_text(totals[arm](energy)), *told])
     ranges = ", ".join(f"{name} {each.low:g} to {each.high:g}" for name, each in energy.uncertain.items())
-    against = f"cheaper than {method_label(run.scenario, BASELINE)}"
-    headings = ["arm", "at the nominal values", "mean", "middle 95%", against]
+    headings = ["arm", "at the nominal values", "mean", "middle 95%", f"cheaper than {names.get(plain, plain)}"]
     return [Table(f"E where constants are ranges: {ranges}", headings, rows)]
 
 

@@ -14,10 +14,17 @@ from jouleswarm.energy.curves import learned_by, until
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.energy.prices import PriceList, price, with_beta
+from jouleswarm.energy.times import times
 from jouleswarm.runs.run import Run
 
-SPENT = {"joules": "joules", "bits": "bits on all links", "gradients": "batch gradients", "motions": "motions"}
+SPENT = {
+    "joules": "joules",
+    "bits": "bits on all links",
+    "seconds": "seconds",
+    "gradients": "batch gradients",
+    "motions": "motions",
+}
 """Columns of what is spent, and what they are."""
 
 
@@ -25,7 +32,7 @@ def curves(run: Run, energy: Energy, prices: PriceList = literal) -> pd.DataFram
     """A row an arm and round, from 0, the stage alone, until the arm's last cluster is done.
 
     Columns: arm, round, those of `SPENT`, learned (tasks, as text), share_learned, reward: the mean over tasks of the
-    cluster's R. Joules are NaN where the list has no bill, or bytes were not counted.
+    cluster's R. Joules are NaN where the list has no bill or bytes were not counted, seconds where a rate is not known.
     """
     rows = [row for arm in run.scenario.arm_names for row in _rows(run, arm, energy, prices)]
     return pd.DataFrame(rows, columns=["arm", "round", *SPENT, "learned", "share_learned", "reward"])
@@ -67,6 +74,9 @@ def _spending(energy: Energy, prices: PriceList) -> tuple[Callable[[Facts], floa
         moved = counts.uplink_bytes + counts.downlink_bytes + counts.sidelink_bytes
         return BITS_PER_BYTE * moved if facts.metered else None
 
+    def seconds(facts: Facts) -> float | None:
+        return times(facts, with_beta(energy, facts)).total.total_s
+
     def gradients(facts: Facts) -> float:
         counts = facts.counts.ml + facts.counts.fl
         return counts.gradients_support + counts.gradients_query + counts.gradients_robots
@@ -74,7 +84,7 @@ def _spending(energy: Energy, prices: PriceList) -> tuple[Callable[[Facts], floa
     def motions(facts: Facts) -> float:
         return sum(work.motions + work.evaluation_motions for work in facts.work)
 
-    return joules, bits, gradients, motions
+    return joules, bits, seconds, gradients, motions
 
 
 def _rewards(run: Run, arm: str) -> dict[int, dict[int, float]]:

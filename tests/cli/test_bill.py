@@ -46,6 +46,17 @@ def test_what_can_not_be_is_one_line_and_exit_code_2(
     assert called(monkeypatch, "bill") == 2
 
 
+def test_constants_that_are_ranges_give_intervals(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "c.csv").write_text("arm,what,value\n,batches,1\na,rounds,100\nb,rounds,50\n")
+    assert called(monkeypatch, "bill", str(tmp_path / "c.csv"), "--set", "energy.pk_w={low=1, high=3}") == 0
+    out = capsys.readouterr().out
+    assert "E where constants are ranges: pk_w 1 to 3" in out
+    assert " to 118 J" in out  # the middle 95% of 1 to 3 W ends at 2.95 W, of 0.4 s and 100 gradients
+    assert "100.0%" in out
+
+
 def test_the_calculator_from_python(tmp_path: Path) -> None:
     found = bill(rounds={1: 10, 2: 5}, robots=2, links=2, batches=20, model_bytes=5.6e6)
     assert isinstance(found, pd.DataFrame)

@@ -94,3 +94,13 @@ def test_folders_are_named_after_study_and_profile(
     jouleswarm("study", "regimes", "--scenario", TOY)
     assert [where.results for where in seen] == [Path("results/paper"), Path("results/toy-regimes")]
     assert [where.work for where in seen] == [Path("runs/study-paper-paper"), Path("runs/study-regimes-toy")]
+
+
+def test_the_second_case_is_priced_from_committed_facts(jouleswarm: Call, tmp_path: Path) -> None:
+    baselines = str(ROOT / "results" / "compact-baselines")
+    code, out, _ = jouleswarm("study", "savazzi2021", baselines, "--results", str(tmp_path / "made"))
+    assert (code, str(tmp_path / "made" / "winners.png") in out.splitlines()) == (0, True)
+    for wrong, told in (("meta.t0=3", "anything else needs another run"), ("energy.loss=0.1", "facts are sums")):
+        code, _, err = jouleswarm("study", "savazzi2021", baselines, "--set", wrong, "--results", str(tmp_path / "not"))
+        assert (code, err.count("\n"), told in err) == (2, 1, True)
+    assert not (tmp_path / "not").exists()

@@ -72,6 +72,14 @@ def test_what_a_budget_reached(run: Run) -> None:
     assert budget_table(points, "440 gradients").rows[0] == ["maml", "4", "50%", "1", "45.8"]
 
 
+def test_seconds_are_spent_where_rates_are_known(run: Run) -> None:
+    with pytest.raises(ConfigurationError, match="seconds are not known of this run"):
+        budget_table(curves(run, Energy()), "10 min")
+    # a round: 20 batches of 0.4 s, and two messages of 40 kbit one after the other at 40 kbit/s
+    points = curves(run, Energy(ul_bit_per_s=1e6, sl_bit_per_s=40e3))
+    assert budget_table(points, "100 s").rows[1][:4] == ["fl", "10", "50%", "1"]
+
+
 @pytest.mark.parametrize("budget", ["10", "kJ", "-1kJ", "0J", "1e999kJ", "10 apples", "1.2.3J"])
 def test_a_budget_that_is_none_is_one_clear_line(run: Run, budget: str) -> None:
     with pytest.raises(ConfigurationError, match="expected a number and one of J, kJ"):
@@ -93,6 +101,6 @@ def test_figures_and_the_curve_as_csv(path: Path) -> None:
     written: list[Any] = [file.name for file in write_figures(run, run.scenario.energy)]
     assert {"learned.svg", "learned.csv", "why.svg"} <= set(written)
     first, *lines = (path / "figures" / "learned.csv").read_text().splitlines()
-    assert first == "arm,round,joules,bits,gradients,motions,learned,share_learned,reward"
-    assert lines[0].startswith("maml,0,2370.32,1120000,120,")
+    assert first == "arm,round,joules,bits,seconds,gradients,motions,learned,share_learned,reward"
+    assert lines[0].startswith("maml,0,2370.32,1120000,,120,")
     assert len(lines) == 7 + 21
