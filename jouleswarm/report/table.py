@@ -40,8 +40,9 @@ def number(value: float) -> str:
     return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
 
 
-def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
-    """For a console. `wrap`: names are sentences, which may be broken, and the figures may not."""
+def terminal(table: Table, *, wrap: bool = False, tight: bool = False) -> rich.table.Table:
+    """For a console. `wrap`: names are sentences, which may be broken, and the figures may not; `tight`: columns are
+    no wider than they must be, so that words and figures stay whole."""
     shown = rich.table.Table(
         title=escape(table.title),
         caption=escape("\n".join(table.notes)) or None,
@@ -51,12 +52,10 @@ def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
         padding=(0, 1, 0, 0),
         show_lines=wrap,
     )
-    rows = [row for row, _ in _styled(table)]
-    for place, heading in enumerate(table.headings):
-        # Words and figures stay whole, so that a narrow terminal cuts none of them.
-        least = None if wrap else max([*map(len, heading.split()), *(len(row[place]) for row in rows)], default=0)
+    widths = _widths(table, whole=False) if tight else [None] * len(table.headings)
+    for place, (heading, width) in enumerate(zip(table.headings, widths, strict=True)):
         side: Literal["left", "right"] = "right" if place else "left"
-        shown.add_column(escape(heading), justify=side, no_wrap=(place == 0) != wrap, min_width=least, overflow="fold")
+        shown.add_column(escape(heading), justify=side, no_wrap=(place == 0) != wrap and not tight, width=width)
     for row, style in _styled(table):
         shown.add_row(*map(escape, row), style=style, end_section=style == "bold")
     return shown
@@ -65,19 +64,15 @@ def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
 def show(table: Table, console: Console) -> None:
     """Print it: whole, or where that is too wide in several, so that nothing is cut."""
     for part in narrowed(table, console.width):
-        console.print(terminal(part))
+        console.print(terminal(part, tight=_wide(_widths(part, whole=True)) > console.width))
 
 
 def narrowed(table: Table, width: int) -> list[Table]:
     """The table; or where it is wider than so many characters several, each with some of its columns after names."""
-    rows = [cells for cells, _ in _styled(table)]
-    needs = [
-        max([*map(len, heading.split()), *(len(row[place]) for row in rows)], default=0) + _PADDING
-        for place, heading in enumerate(table.headings)
-    ]
+    needs = _widths(table, whole=False)
     parts: list[list[int]] = [[]]
     for place in range(1, len(needs)):
-        if parts[-1] and needs[0] + sum(needs[each] for each in parts[-1]) + needs[place] + _EDGES > width:
+        if parts[-1] and _wide([needs[each] for each in (0, *parts[-1], place)]) > width:
             parts.append([])
         parts[-1].append(place)
     return [
@@ -89,6 +84,19 @@ def narrowed(table: Table, width: int) -> list[Table]:
         )
         for number, part in enumerate(parts)
     ]
+
+
+def _widths(table: Table, *, whole: bool) -> list[int]:
+    """Characters that each column needs; headings are broken between words unless `whole`."""
+    rows = [cells for cells, _ in _styled(table)]
+    return [
+        max([*map(len, [heading] if whole else heading.split()), *(len(row[place]) for row in rows)], default=0)
+        for place, heading in enumerate(table.headings)
+    ]
+
+
+def _wide(widths: Sequence[int]) -> int:
+    return sum(widths) + _PADDING * len(widths) + _EDGES
 
 
 def html_text(table: Table) -> str:

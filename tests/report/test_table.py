@@ -75,4 +75,16 @@ def test_a_table_that_is_too_wide_becomes_several_and_nothing_is_cut(width: int)
     assert "…" not in text
     assert all(len(line) <= width for line in text.splitlines())
     assert all(cell in text for row in rows for cell in row)
+    assert text.count("computing,") == 7
     assert text.count("arm 2") == {40: 4, 60: 2, 80: 2, 200: 1}[width]
+
+
+def test_a_cell_of_several_words_is_not_cut_either() -> None:
+    headings = ["arm", "paper (its t0)", "published prices", *(f"{word} sizes counted" for word in "abcd")]
+    row = ["FL, no transfer", "-", "not defined here", "10.86 kJ", "1.42 kJ", "1.421 kJ", "883.6 J"]
+    console = Console(file=io.StringIO(), width=80)
+    show(Table("E", headings, [row]), console)
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    assert all(cell in text for cell in row)
+    assert all(len(line) <= 80 for line in text.splitlines())
