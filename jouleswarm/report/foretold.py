@@ -15,7 +15,7 @@ from jouleswarm.report.table import Table, show
 from jouleswarm.runs.foretold import foretold_facts, room_of, round_lines
 from jouleswarm.runs.speed import estimated_s, measure_speed
 
-_PHASES = {"ml": "the stage before", "fl": "the tasks"}
+_PHASES = {"ml": "stage", "fl": "tasks"}
 
 
 def print_foretold(scenario: Scenario, rounds: int | None = None, console: Console | None = None) -> None:
