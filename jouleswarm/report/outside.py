@@ -14,7 +14,6 @@ from jouleswarm.common.wire.names import client_of
 from jouleswarm.energy.facts import Facts, Phase
 from jouleswarm.energy.items import items
 from jouleswarm.energy.prices import with_beta
-from jouleswarm.report.arms import labels
 from jouleswarm.report.format import joules_text, number_text
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.directory import TIMES
@@ -25,7 +24,7 @@ from jouleswarm.runs.run import Run
 
 _WHOLE = 0.99
 """Share of the seconds that must be known, so that there is a ratio."""
-_PHASES: dict[Phase, str] = {"ml": "meta", "fl": "tasks"}
+_PHASES: dict[Phase, str] = {"ml": "meta", "fl": "clusters"}
 
 
 class Meters(NamedTuple):
@@ -62,7 +61,7 @@ def outside_table(run: Run, energy: Energy, meters: Meters) -> Table:
     for arm, facts in run.kept_facts.items():
         priced = _priced(facts, energy)
         for found in read(run.rows, spans, arm, metered):
-            rows.append([labels(run.scenario)[arm], *_cells(found, priced.get((found.phase, found.agent), (0.0, 0.0)))])
+            rows.append(_cells(found, priced.get((found.phase, found.agent), (0.0, 0.0))))
             known_s += found.known_s
     if not known_s:
         raise ConfigurationError(_elsewhere(list(spans.values()), logs, meters.shift_s))
@@ -81,7 +80,7 @@ def outside_table(run: Run, energy: Energy, meters: Meters) -> Table:
         )
     if not all(facts.metered for facts in run.facts.values()):
         notes.append("Bytes were not counted: priced is computing alone.")
-    headings = ["arm", "phase", "process", "seconds", "measured", "priced", "computing", "ratio"]
+    headings = ["", "seconds", "measured", "priced", "computing", "ratio"]
     return Table("Joules measured by a meter, against priced (all, and computing alone)", headings, rows, notes)
 
 
@@ -101,14 +100,15 @@ def _cells(found: Read, priced: tuple[float, float]) -> list[Cell]:
     ratio = f"{found.joules / priced[0]:.3f}" if is_whole and priced[0] else None
     told = seconds if is_whole else f"{number_text(found.known_s)} of {seconds}"
     measured_j = found.joules if found.known_s else None
-    return [_PHASES[found.phase], client_of(found.agent), told, *map(joules_text, (measured_j, *priced)), ratio]
+    name = f"{found.arm} {_PHASES[found.phase]}, {client_of(found.agent)}"
+    return [name, told, *map(joules_text, (measured_j, *priced)), ratio]
 
 
 def _between(agent: int, spans: list[Span], powers: Sequence[Power]) -> list[Cell]:
     begin_s, end_s = spans[0][0], max(end for _, end in spans)
     joules = round(sum(power.within([(begin_s, end_s)])[0] - power.within(spans)[0] for power in powers), 6)
     seconds = end_s - begin_s - sum(end - begin for begin, end in spans)
-    return ["between rounds", "", client_of(agent), number_text(seconds), joules_text(joules or None), None, None, None]
+    return [f"between rounds, {client_of(agent)}", number_text(seconds), joules_text(joules or None), None, None, None]
 
 
 def _left_out(name: str, log: Log, spans: list[Span], shift_s: float) -> Iterator[str]:

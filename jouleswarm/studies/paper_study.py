@@ -40,14 +40,14 @@ def plan(request: Request) -> Plan:
 
 def _check(scenario: Scenario, t0: int) -> None:
     """What only figures would notice, before hours are spent."""
-    measured = [arm.t0 for arm in scenario.arms if arm.t0]
-    if not measured or PLAIN not in scenario.arm_names:
+    given = [arm.t0 for arm in scenario.arms if arm.t0]
+    if not given or PLAIN not in scenario.arm_names:
         raise ConfigurationError(
             f"study paper: got methods {', '.join(scenario.methods)}, expected one with meta-learning, and {PLAIN}"
         )
-    if t0 not in (0, *measured):
-        told = ", ".join(map(str, measured))
-        raise ConfigurationError(f"study paper: got --t0 {t0}, expected one of those measured: {told}")
+    if t0 not in (0, *given):
+        told = ", ".join(map(str, given))
+        raise ConfigurationError(f"study paper: got --t0 {t0}, expected one of the scenario's: {told}")
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
