@@ -28,6 +28,8 @@ class Counts:
     downlink_bytes: float = 0  # delivered to robots
     sidelink_bytes: float = 0  # delivered to neighbours, summed over directed links
     sidelink_sent_bytes: float = 0  # sent by robots, each message once however many neighbours it has
+    motions: float = 0  # to learn from, where sums are all that is known; else 0, they are in `Facts.work`
+    evaluation_motions: float = 0  # of greedy episodes, the same
 
     def __add__(self, other: Counts) -> Counts:
         return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))

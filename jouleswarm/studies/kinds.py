@@ -15,6 +15,7 @@ from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
 from jouleswarm.studies.names import StudyName
+from jouleswarm.studies.prices import with_motions
 from jouleswarm.studies.record import Record
 
 _PNG_DPI = 200
@@ -41,13 +42,18 @@ class Plan:
 
 @dataclass(frozen=True)
 class Kind:
-    """A study. To add one, write `plan` and `outputs` and name it in `studies.catalogue`."""
+    """A study. To add one, write `plan` and `tables` and name it in `studies.catalogue`."""
 
     name: StudyName
     seeds: int
     t0: int
     plan: Callable[[Request], Plan]
-    outputs: Callable[[Sequence[Fact], Record], Outputs]
+    tables: Callable[[Sequence[Fact], Record], Outputs]
+    """From facts with their motions."""
+
+    def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
+        """Tables and figures of facts as they were read."""
+        return self.tables(with_motions(facts, record.scenario), record)
 
 
 def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:

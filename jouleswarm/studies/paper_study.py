@@ -53,18 +53,19 @@ def _check(scenario: Scenario, t0: int) -> None:
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """Table II, energies, break-even and Figs. 3 and 4, all from facts."""
     energy, training, lists = record.scenario.energy, record.scenario.meta.training_tasks, record.lists
+    window = record.scenario.federation.reward_window
     sl_bit_per_j = PAIRS[0].sl_bit_per_j
     return Outputs(
         csv={
-            "table2": table_2_csv(facts),
-            "seen_unseen": seen_unseen_csv(facts, training),
+            "table2": table_2_csv(facts, window),
+            "seen_unseen": seen_unseen_csv(facts, training, window),
             "energy": energy_csv(facts, energy, lists),
             "optimum": optimum_csv(facts, energy, lists),
             "breakeven": break_even_csv(facts, energy, training, lists),
         },
         markdown={
-            "table2": table_2_markdown(facts),
-            "seen_unseen": seen_unseen_markdown(facts, training),
+            "table2": table_2_markdown(facts, window),
+            "seen_unseen": seen_unseen_markdown(facts, training, window),
             "energy": energy_markdown(facts, energy, lists),
         },
         figures={
@@ -86,5 +87,5 @@ KIND = Kind(
     seeds=15,
     t0=0,
     plan=plan,
-    outputs=outputs,
+    tables=outputs,
 )
