@@ -88,7 +88,7 @@ def site_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
     def paid(site: str) -> Value:
         def value(run: list[Fact]) -> float | None:
             bill = priced(run, energy, prices)
-            return site_parts(bill and bill.both)[site]
+            return site_parts(bill.both if bill else None)[site]
 
         return value
 

@@ -17,6 +17,7 @@ from jouleswarm.studies.jobs import Job, Request
 from jouleswarm.studies.names import StudyName
 from jouleswarm.studies.prices import with_motions
 from jouleswarm.studies.record import Record
+from jouleswarm.studies.uncertain import uncertain_csv, uncertain_markdown, uncertain_rows
 
 _PNG_DPI = 200
 
@@ -52,8 +53,13 @@ class Kind:
     """From facts with their motions."""
 
     def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
-        """Tables and figures of facts as they were read."""
-        return self.tables(with_motions(facts, record.scenario), record)
+        """Tables and figures of facts as they were read; where constants are ranges, what that comes to besides."""
+        held, energy = with_motions(facts, record.scenario), record.scenario.energy
+        made = self.tables(held, record)
+        if rows := uncertain_rows(held, energy, record.lists):
+            made.csv["uncertain"] = uncertain_csv(rows)
+            made.markdown["uncertain"] = [uncertain_markdown(rows, energy)]
+        return made
 
 
 def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:

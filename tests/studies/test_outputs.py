@@ -39,11 +39,11 @@ def rows_of(path: Path, **where: str) -> Rows:
 
 def test_the_paper_study_makes_its_tables_and_figures_from_facts_alone(made: Path) -> None:
     written = {path.name for path in made.iterdir()} - {FACTS, RECORD}
-    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven"}
-    figures = {"fig3", "fig4a", "fig4b", "breakeven"}
+    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven", "curves", "why"}
+    figures = {"fig3", "fig4a", "fig4b", "breakeven", "curves", "why"}
     assert written == (
         {f"{name}.csv" for name in tables}
-        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy")}
+        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy", "why")}
         | {f"{name}.{kind}" for name in figures for kind in ("png", "svg")}
     )
     assert (made / "fig4a.svg").read_text().startswith("<?xml")
