@@ -89,11 +89,15 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
     )
 
 
-def _counts(facts: Facts, phase: Phase, task: int) -> dict[str, float]:
+def _counts(facts: Facts, phase: Phase, task: int) -> dict[str, float | None]:
     """Sums of a stage, with what its robots' bodies did."""
     mine = [work for work in facts.work if work.phase == phase and task in (STAGE, work.task)]
-    motions = sum(work.motions for work in mine), sum(work.evaluation_motions for work in mine)
-    return asdict(facts.parts[phase, task]) | dict(zip(("motions", "evaluation_motions"), motions, strict=True))
+    evaluating = sum(work.evaluation_motions for work in mine)
+    acted = {
+        "motions": sum(work.motions for work in mine),
+        "evaluation_motions": None if phase == "fl" and not evaluating else evaluating,  # every round has an episode
+    }
+    return asdict(facts.parts[phase, task]) | acted
 
 
 def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:

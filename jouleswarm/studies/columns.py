@@ -68,10 +68,14 @@ MOTIONS = Column("motions", "motions", 1, moved_motions)
 
 
 def cause_columns(energy: Energy, causes: Sequence[Cause] = PAPER_CAUSES) -> list[Column]:
-    """Joules by cause, literal prices: these have no other."""
+    """Joules by cause, literal prices: these have no other. Of evaluation not known where its motions are not."""
 
     def spent_on(cause: Cause) -> Value:
-        return lambda run: cost_of(run, energy).by_cause[cause]
+        def value(run: list[Fact]) -> float | None:
+            uncounted = cause.key == "evaluating" and any(fact.evaluation_motions is None for fact in task_stages(run))
+            return None if uncounted else cost_of(run, energy).by_cause[cause]
+
+        return value
 
     return [Column(cause.column, f"{cause.heading} (kJ)", 1e3, spent_on(cause)) for cause in causes]
 

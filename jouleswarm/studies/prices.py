@@ -69,7 +69,7 @@ def facts_of(facts: Sequence[Fact]) -> Facts:
         rounds={fact.task: fact.rounds for fact in tasks},
         robots={fact.task: fact.robots for fact in tasks},
         links={fact.task: fact.links for fact in tasks},
-        beta=stage.beta if stage else 1.0,
+        beta=stage.beta if stage and stage.gradients_query else 1.0,
     )
 
 

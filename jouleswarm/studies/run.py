@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import price_lists, with_beta
 from jouleswarm.energy.repricing import reprice as repriced
 from jouleswarm.studies.catalogue import kind_of
@@ -45,7 +46,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
 
     plan = kind.plan(request)
     scenario = request.scenario(plan.settings)
-    price_lists(scenario)
+    _check_prices(scenario)
     for job in plan.jobs:
         job.load()  # before hours are spent on others
     with usable("--results", where.results):
@@ -99,7 +100,7 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
         raise ConfigurationError(f"--set: expected --out FOLDER, so that {results} keeps the prices it was made with")
     record = read_record(results)
     scenario, _ = repriced(record.scenario, changes, str(results / RECORD))
-    price_lists(scenario)
+    _check_prices(scenario)
     facts = read_facts(results / FACTS)
     if scenario.energy.beta == "measured":
         for fact in facts:
@@ -109,6 +110,16 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
     write_record(into, record.model_copy(update={"scenario": scenario}))
     write_facts(into / FACTS, facts)
     return make_tables(into)
+
+
+def _check_prices(scenario: Scenario) -> None:
+    """Whether facts, which are sums over robots and links, can be priced."""
+    price_lists(scenario)
+    if not scenario.energy.is_alike:
+        raise ConfigurationError(
+            "energy: got loss, idle power, links or constants of single robots; expected none, as a study keeps sums "
+            "alone; `jouleswarm report` prices its runs"
+        )
 
 
 def make_tables(results: Path) -> list[Path]:

@@ -8,12 +8,14 @@ from statistics import fmean
 import pytest
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.breakeven import Savings, returns_to_pay, tasks_to_pay
 from jouleswarm.energy.curves import curve
 from jouleswarm.energy.facts import Counts, Facts, Phase
 from jouleswarm.energy.literal import literal, price
 from jouleswarm.studies.arms import by_full_window, rounds_estimate
 from jouleswarm.studies.breakeven import compared
+from jouleswarm.studies.columns import cause_columns
 from jouleswarm.studies.facts import META_STAGE, Fact, read_facts
 from jouleswarm.studies.prices import cost_of, moved_motions, runs_of, with_motions
 from jouleswarm.studies.record import read_record
@@ -75,6 +77,15 @@ def test_motions_of_transfer_and_what_they_cost(compact: list[Fact]) -> None:
     assert [round(motions) for motions, _ in told.values()] == [6987, 3811]
     assert round(told["multitask-t90"][0] / told["fl"][0], 2) == 1.83
     assert [round(joules / 1e3, 1) for _, joules in told.values()] == [69.9, 38.1]
+
+
+def test_evaluation_that_nobody_counted_is_not_free(compact: list[Fact]) -> None:
+    energy = Energy(motion_j=10, forward_j=1)
+    acting, evaluating = cause_columns(energy, [cause for cause in CAUSES if cause.key in ("acting", "evaluating")])
+    assert evaluating.over(compact, "", "fl") is None
+    counted = [fact.model_copy(update={"motions": 3.0, "evaluation_motions": 2.0}) for fact in compact]
+    told = [column.over(counted, "", "fl") for column in (acting, evaluating)]
+    assert [each and each.mean for each in told] == pytest.approx([6 * 3 * 10, 6 * 2 * 11])
 
 
 def test_rounds_by_the_full_window(compact: list[Fact]) -> None:

@@ -219,6 +219,7 @@ def test_a_study_is_priced_again_in_another_folder(paper_results: Path, tmp_path
         (["energy.pue=2"], "results", "expected --out FOLDER"),
         (["energy.pue=2"], None, "expected --out FOLDER"),
         (["energy.pue=0"], "again", "energy.pue: .*got 0"),
+        (["energy.loss=0.1"], "again", "energy: got loss, idle power, .*a study keeps sums alone"),
         (["energy.beta=measured"], "again", "beta of maml was not measured in this run"),
     ],
 )
