@@ -46,7 +46,12 @@ class Energy(Constants):
     @property
     def is_uniform(self) -> bool:
         """Whether counts by phase are enough for the bill: the paper's constants, the same for every robot and link."""
-        more = self.loss, self.idle_w, self.datacenter_idle_w, self.motion_j, self.forward_j
+        return self.is_alike and not (self.motion_j or self.forward_j)
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether every robot and link has the same constants, and what was counted by phase is all that is paid."""
+        more = self.loss, self.idle_w, self.datacenter_idle_w
         return not self._own and self._links is None and not any(more)
 
     @property
