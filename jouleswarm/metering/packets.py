@@ -145,8 +145,8 @@ def _publish(first: int, body: memoryview, length: int, size: int, version: int)
     properties = fields.properties() if version == MQTT_5 else {}
     alias = int(properties.get(_ALIAS, 0))
     topic = found.topic.decode()
-    if not topic and not alias:
-        raise ValueError("a PUBLISH without a topic")
+    if "+" in topic or "#" in topic or not (topic or alias):
+        raise ValueError(f"a PUBLISH on {topic!r}")
     return Packet(PUBLISH, size, topic, alias, length - fields.at, bool(first & 8))
 
 

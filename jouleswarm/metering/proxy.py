@@ -22,6 +22,7 @@ log = logging.getLogger("jouleswarm.metering")
 _HELD_BYTES = 256 * 1024
 """Once so much waits for one side, nothing more is read from the other."""
 _CONNECT_S = 10.0
+_END_S = 1.0
 
 
 class _Side(asyncio.Protocol):
@@ -159,8 +160,10 @@ class Proxy:
                 client.transport.abort()
                 if client.other is not None:
                     client.other.transport.abort()
-            await asyncio.sleep(0)  # for what was aborted to end, and be counted
-            await asyncio.sleep(0)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_END_S):
+                    while self.clients:  # so that all that passed is counted
+                        await asyncio.sleep(0)
 
 
 def server_tls(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:

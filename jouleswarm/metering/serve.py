@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import signal
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -11,7 +12,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from jouleswarm.common.disk.files import write_whole
-from jouleswarm.common.errors import ConfigurationError, usable
+from jouleswarm.common.errors import ConfigurationError, RunError, usable
 from jouleswarm.common.wire.rules import Rule
 from jouleswarm.common.wire.topics import run_name
 from jouleswarm.metering.proxy import Proxy
@@ -19,6 +20,8 @@ from jouleswarm.metering.tally import Row, rows_of
 from jouleswarm.metering.written import METER, RULES, write_rows
 
 _EVERY_S = 30.0
+
+log = logging.getLogger("jouleswarm.metering")
 
 
 def parse_listen(text: str) -> tuple[str | None, int]:
@@ -56,7 +59,7 @@ def serve(
     rules: Sequence[Rule],
     on_listening: Callable[[int], None],
 ) -> list[Row]:
-    """Meter until SIGINT or SIGTERM; the files are written every half minute and at the end. Gives the last rows.
+    """Meter until a signal to end; the files are written every half minute and at the end. Gives the last rows.
 
     Raises:
         RunError: it can't listen, or can't write.
@@ -72,15 +75,24 @@ async def _serve(
     on_listening: Callable[[int], None],
 ) -> list[Row]:
     stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     async with proxy.listening(*listen) as port:
         on_listening(port)
         while not stop.is_set():
-            with contextlib.suppress(TimeoutError):
+            try:
                 await asyncio.wait_for(stop.wait(), _EVERY_S)
-            await _write(proxy, folder, rules)
+            except TimeoutError:
+                await _write_if_it_can(proxy, folder, rules)
     return await _write(proxy, folder, rules)
+
+
+async def _write_if_it_can(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> None:
+    """A full disk is no reason to cut anybody off; at the end it is an error."""
+    try:
+        await _write(proxy, folder, rules)
+    except RunError as error:
+        log.warning("%s; going on, and trying again", error)
 
 
 async def _write(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> list[Row]:

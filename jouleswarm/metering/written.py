@@ -16,6 +16,7 @@ from jouleswarm.metering.tally import Row
 
 METER, BILL, RULES = "meter.jsonl", "bill.csv", "links.toml"
 _COLUMNS = ("arm", "phase", "robot", "to", "what", "value")
+_MOST_ARM = 100  # characters that the calculator takes
 _Cells = tuple[str, str, int | str, int | str, str]
 
 
@@ -53,7 +54,7 @@ def bill_csv(rows: Sequence[Row], rules: Sequence[Rule]) -> str:
         robot = receiver if row.link == Link.DOWNLINK else sender
         to = receiver if row.link == Link.SIDELINK and sender else ""
         for what, value in _counts(row, is_sent, row.number in delivered):
-            cells = row.labels.get("arm", ""), row.phase, robot, to, f"{row.link}_{what}"
+            cells = " ".join(row.labels.get("arm", "").split())[:_MOST_ARM], row.phase, robot, to, f"{row.link}_{what}"
             sums[cells] = sums.get(cells, 0) + value
     file = io.StringIO()
     file.write("# Payload bytes and messages as they were metered. Price them: jouleswarm bill bill.csv\n")

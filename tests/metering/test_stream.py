@@ -75,6 +75,7 @@ def test_a_client_of_mqtt_5_without_an_id_has_the_one_that_it_is_given() -> None
         b"\x30\xff\xff\xff\xff\x01",  # a length of five bytes
         b"\x30\x03\x00\x01\xff",  # no UTF-8
         b"\x30\x02\x00\x00",  # no topic
+        b"\x30\x03\x00\x01#",  # a filter
         b"\x80\x00",  # SUBSCRIBE with flags of none
     ],
 )
@@ -140,3 +141,14 @@ def test_in_whatever_pieces_a_stream_comes_the_same_is_counted_and_every_byte_on
     pieces = {key: counts[1:] for key, counts in found.items()}
     assert pieces == {key: counts[1:] for key, counts in once.items()}
     assert sum(counts[2] for (_, _, what), counts in found.items() if "repeat" not in what) == len(whole)
+
+
+@given(st.lists(PUBLISHED, max_size=4), st.integers(0, 10_000), st.integers(0, 255), st.sampled_from([4, 5]))
+def test_a_byte_that_is_spoilt_fails_nothing_and_every_byte_is_counted(
+    packets: list[bytes], place: int, value: int, version: int
+) -> None:
+    sent, received = bytearray(connect("r", version) + b"".join(packets)), packet(0x20, b"\0\0\x04\x12\0\1x")
+    sent[place % len(sent)] = value
+    found = metered(bytes(sent), received + bytes(sent), 50)
+    counted = sum(counts[2] for (_, _, what), counts in found.items() if "repeat" not in what)
+    assert counted == 2 * len(sent) + len(received)
