@@ -9,41 +9,19 @@ The proxy is one process more, which wants a core: on a machine with fewer cores
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import psutil
 
 from benchmarks.broker_throughput import ROBOTS, RUN, WEIGHTS_BYTES, cpu_s, fan_out, measure
-from benchmarks.harness import Running, compare, in_turn, mosquitto, parser, seconds
+from benchmarks.harness import compare, in_turn, metered, mosquitto, parser, seconds
 from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.wire.mqtt import publish_head
 
 CONNECT_HEAD = b"\x00\x04MQTT\x04\x02\x00\x00"
 CONNACK_BYTES = PUBACK_BYTES = 4
 SMALL_BYTES = 1000
-
-
-@contextlib.contextmanager
-def metered(url: str) -> Iterator[Running]:
-    """The proxy before a broker."""
-    with tempfile.TemporaryDirectory() as folder:
-        (links := Path(folder, "links.toml")).write_text(f'"{RUN}/#rest" = {{ link = "uplink" }}\n', encoding="utf-8")
-        options = ("--to", url, "--listen", "127.0.0.1:0", "--links", str(links), "--out", folder)
-        command = (sys.executable, "-u", "-m", "jouleswarm", "meter", "proxy", *options)
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            port = process.stdout.readline().split("127.0.0.1:")[1].split()[0]
-            try:
-                yield Running(f"mqtt://127.0.0.1:{port}", process)
-            finally:
-                process.terminate()
-                process.stdout.read()
 
 
 class Crowd:
