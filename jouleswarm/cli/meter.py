@@ -54,14 +54,14 @@ def proxy(
 
     from jouleswarm.common.bus.address import parse_url
     from jouleswarm.common.wire.rules import read_rules
-    from jouleswarm.metering.proxy import Proxy, client_tls, server_tls
+    from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
     from jouleswarm.metering.serve import make_folder, parse_listen, serve
     from jouleswarm.metering.tally import Tally
     from jouleswarm.metering.written import unmatched
     from jouleswarm.report.metered import metered_table
     from jouleswarm.report.table import terminal
 
-    where, broker, rules = parse_listen(listen), parse_url(to), read_rules(links)
+    where, broker, rules = parse_listen(listen), without_user(parse_url(to)), read_rules(links)
     made = Proxy(broker, Tally(), server_tls(cert, key), client_tls(broker, ca))
     folder = make_folder(out, run_id, links)
 

@@ -33,6 +33,8 @@ class _Side(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
         self.other: _Side | None = None
         self.is_gone = False
+        self.early = b""
+        """What came before there was another side: one read at most, which some event loops make."""
 
     @property
     def transport(self) -> asyncio.Transport:
@@ -45,14 +47,15 @@ class _Side(asyncio.Protocol):
         self._transport.set_write_buffer_limits(_HELD_BYTES)
 
     def data_received(self, data: bytes) -> None:
-        assert self.other is not None
+        if self.other is None:
+            self.early += data
+            return
         self.other.transport.write(data)
         self._stream.feed(data)
 
     def eof_received(self) -> bool:
         """The other way stays open where that can be; TLS ends both."""
-        assert self.other is not None
-        if not self.other.transport.can_write_eof():
+        if self.other is None or not self.other.transport.can_write_eof():
             return False
         self.other.transport.write_eof()
         return True
@@ -103,6 +106,7 @@ class _Client(_Side):
             broker.transport.abort()
         else:
             self.other = broker
+            self.data_received(self.early)
             self.transport.resume_reading()
 
     def _forget(self) -> None:
@@ -164,6 +168,17 @@ class Proxy:
                 async with asyncio.timeout(_END_S):
                     while self.clients:  # so that all that passed is counted
                         await asyncio.sleep(0)
+
+
+def without_user(broker: BrokerAddress) -> BrokerAddress:
+    """The address itself.
+
+    Raises:
+        ConfigurationError: it names a user, whom nothing would log in.
+    """
+    if broker.user or broker.password:
+        raise ConfigurationError(f"--to {broker} with a user: clients log in themselves, expected the URL without")
+    return broker
 
 
 def server_tls(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:

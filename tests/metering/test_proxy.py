@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from jouleswarm.common.bus.address import BrokerAddress
+from jouleswarm.common.bus.address import BrokerAddress, parse_url
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.fleet.certificates import Validity, make_ca, make_server
-from jouleswarm.metering.proxy import Proxy, client_tls, server_tls
+from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
 from jouleswarm.metering.serve import make_folder, parse_listen
 from jouleswarm.metering.tally import Tally
 from tests.metering.packets import connect, packet, publish
@@ -142,6 +142,8 @@ def test_what_can_not_be_listened_on_is_one_line(tmp_path: Path) -> None:
             parse_listen(wrong)
     with pytest.raises(ConfigurationError, match="expected --cert FILE and --key FILE"):
         server_tls(tmp_path / "c.pem", None)
+    with pytest.raises(ConfigurationError, match="clients log in themselves"):
+        without_user(parse_url("mqtt://me:secret@host"))
 
     async def taken() -> None:
         proxy = Proxy(BrokerAddress("127.0.0.1", 1), Tally())
