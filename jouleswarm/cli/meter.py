@@ -69,6 +69,6 @@ def proxy(
         typer.echo(f"listening on {where[0] or ''}:{port} for {broker}; Ctrl-C ends, counts go to {folder}")
 
     rows = serve(made, where, folder, rules, tell)
-    never = [f"{links}, line {rule.line}, {rule.text}" for rule in unmatched(rows, rules)]
+    never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
     Console().print(terminal(metered_table(rows, never)))
     typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")

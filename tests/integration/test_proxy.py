@@ -13,8 +13,10 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.bus.address import parse_url
+from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.metering.proxy import Proxy
 from jouleswarm.metering.tally import Tally
+from tests.integration.conftest import wait_until
 
 LINKS = '"fed/+round/+client/up" = { link = "uplink" }\n"fed/+round/model" = { link = "downlink" }\n'
 NAMES = ("bytes/received", "bytes/sent", "publish/bytes/received", "publish/bytes/sent")
@@ -75,27 +77,26 @@ def test_sums_are_mosquittos_own_to_the_byte(
     assert ours[2] > 3 * 5_565_072
 
 
-@pytest.mark.external
-def test_a_meter_as_typed_leaves_counts_that_bill_prices(mosquitto: str, start: Any, tmp_path: Path) -> None:
+def test_a_meter_as_typed_leaves_counts_that_bill_prices(broker: str, start: Any, tmp_path: Path) -> None:
     (tmp_path / "links.toml").write_text(LINKS)
     meter = start.jouleswarm(
-        "meter", "proxy", "--to", mosquitto, "--listen", "127.0.0.1:0", "--links", str(tmp_path / "links.toml"),
-        "--out", str(tmp_path), "--run-id", "metered",
+        "meter", "proxy", "--to", broker, "--listen", "127.0.0.1:0", "--links", str(tmp_path / "links.toml"),
+        "--out", str(tmp_path), "--run-id", "metered", PYTHONUNBUFFERED="1",
     )  # fmt: skip
-    while "listening" not in meter.printed:
-        assert meter.process.poll() is None, meter.printed
+    wait_until(lambda: "listening on" in meter.printed, "listening")
     port = meter.printed.split("listening on 127.0.0.1:")[1].split()[0]
+    bus = MqttBus.connect(f"mqtt://127.0.0.1:{port}", "c1")
     for _ in range(5):
-        subprocess.run(
-            ["mosquitto_pub", "-p", port, "-i", "c1", "-t", "fed/1/c1/up", "-q", "1", "-m", "x" * 1000], check=True
-        )
+        bus.publish("fed/1/c1/up", bytes(1000))
+    bus.flush()
+    bus.close()
     meter.process.send_signal(signal.SIGINT)
     assert meter.ends() == 0
-    assert "line 2, fed/+round/model: matched nothing (0 messages)" in " ".join(meter.printed.split())
+    assert "line 2, fed/+round/model (downlink): matched nothing (0 messages)" in " ".join(meter.printed.split())
     rows = [json.loads(line) for line in (tmp_path / "metered" / "meter.jsonl").read_text().splitlines()]
-    (row,) = [row for row in rows if row["kind"] == "publish"]
+    (row,) = [row for row in rows if row["topic"] == "fed/1/c1/up"]
+    assert (row["kind"], row["labels"], row["link"]) == ("publish", {"round": "1", "client": "c1"}, "uplink")
     # 1 + 2 for the length, 2 + 11 for the topic, 2 for the identifier
-    assert (row["client"], row["labels"]) == ("c1", {"round": "1", "client": "c1"})
     assert (row["messages"], row["payload_bytes"], row["packet_bytes"]) == (5, 5000, 5 * 1018)
     bill = start.jouleswarm("bill", str(tmp_path / "metered" / "bill.csv"), "--json")
     assert bill.ends() == 0
