@@ -7,14 +7,9 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.cli.options import Out, RunId
+from jouleswarm.cli.options import EnergyFile, EnergyOption, Out, RunId
 
 meter = typer.Typer(no_args_is_help=True, help="Count the bytes of any MQTT application, to be priced in joules.")
-
-
-@meter.callback()
-def _group() -> None:
-    """A group, though it has one command yet."""
 
 
 @meter.command()
@@ -72,3 +67,22 @@ def proxy(
     never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
     Console().print(terminal(metered_table(rows, never)))
     typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")
+
+
+@meter.command()
+def watch(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="What `jouleswarm meter proxy` writes to.")],
+    energy: EnergyFile = None,
+    set_: EnergyOption = None,
+    once: Annotated[bool, typer.Option("--once", help="Show it once, and end.")] = False,
+) -> None:
+    """Show who moves most, by link and topic, and what it costs; anew every two seconds, until Ctrl-C.
+
+    \b
+    Dearest first, at the paper's prices or at your own:
+        jouleswarm meter watch runs/RUN
+        jouleswarm meter watch runs/RUN --set energy.ul_bit_per_j=500e3
+    """
+    from jouleswarm.report.metered import watch as show
+
+    show(folder, energy, set_ or (), once=once)

@@ -13,13 +13,14 @@ from urllib.parse import urlsplit
 
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError, RunError, usable
+from jouleswarm.common.meter.counters import Counts, Key
 from jouleswarm.common.wire.rules import Rule
 from jouleswarm.common.wire.topics import run_name
 from jouleswarm.metering.proxy import Proxy
 from jouleswarm.metering.tally import Row, rows_of
 from jouleswarm.metering.written import METER, RULES, write_rows
 
-_EVERY_S = 30.0
+_EVERY_S = 2.0
 
 log = logging.getLogger("jouleswarm.metering")
 
@@ -59,7 +60,7 @@ def serve(
     rules: Sequence[Rule],
     on_listening: Callable[[int], None],
 ) -> list[Row]:
-    """Meter until a signal to end; the files are written every half minute and at the end. Gives the last rows.
+    """Meter until a signal to end; the files are written every two seconds and at the end. Gives the last rows.
 
     Raises:
         RunError: it can't listen, or can't write.
@@ -79,11 +80,13 @@ async def _serve(
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     async with proxy.listening(*listen) as port:
         on_listening(port)
+        before: dict[Key, Counts] | None = None
         while not stop.is_set():
-            try:
-                await asyncio.wait_for(stop.wait(), _EVERY_S)
-            except TimeoutError:
+            if (counts := proxy.tally.counts()) != before:
+                before = counts
                 await _write_if_it_can(proxy, folder, rules)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), _EVERY_S)
     return await _write(proxy, folder, rules)
 
 

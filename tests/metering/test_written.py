@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from jouleswarm.common.errors import RunError
+from jouleswarm.common.scenario.tariff import read_tariff
 from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.metering.tally import Row, Tally, rows_of
-from jouleswarm.metering.written import BILL, METER, unmatched, write_rows
+from jouleswarm.metering.written import BILL, METER, read_metered, unmatched, write_rows
 from jouleswarm.report.calculated import calculate
-from jouleswarm.report.metered import metered_table
+from jouleswarm.report.metered import metered_table, watched_table
 
 LINKS = """\
 "up/+arm" = { link = "uplink" }
@@ -91,3 +93,31 @@ def test_a_rule_that_nothing_came_to_is_told_with_its_count(rules: list[Rule], r
     assert table.rows[0] == ["uplink: up/+arm", 2, "200 B", 1, "200 B", "440 B", 1]
     assert table.rows[-1][0] == "other: no rule"
     assert table.notes[0] == "never: matched nothing (0 messages)"
+
+
+def test_who_is_watched_comes_dearest_first(rows: list[Row], rules: list[Rule]) -> None:
+    tariff = read_tariff(None, ["energy.dl_bit_per_j=8e3"], {1, 2, 3})
+    table = watched_table(rows, rules, tariff)
+    assert [row[:5] for row in table.rows[:4]] == [
+        ("to r2", "downlink", "model", 1, "5 kB"),  # 8 * 5000 / 8e3
+        ("to server", "uplink", "peers/r1", 1, "1 kB"),  # 8 * 1000 / 200e3
+        ("to r2", "sidelink", "peers/r1", 1, "1 kB"),  # 8 * 1000 / 500e3
+        ("to r3", "sidelink", "peers/r1", 1, "1 kB"),
+    ]
+    assert [row[5] for row in table.rows] == ["5 J", "0.04 J", "0.016 J", "0.016 J", "0.008 J", *["0 J"] * 4]
+    assert len(table.rows) == len([row for row in rows if row.kind == "publish"])
+
+
+def test_a_watched_row_fits_the_terminal(rules: list[Rule]) -> None:
+    tally = Tally()
+    tally.count("", "x" * 30 + "end", ("in", "publish"), 1, 5)
+    ((who, _, topic, *_),) = watched_table(rows_of(tally.counts(), rules), rules, read_tariff(None, (), ())).rows
+    assert (who, topic) == ("from no id", "x" * 10 + "…" + "x" * 8 + "end")
+
+
+def test_what_was_written_is_read_back(tmp_path: Path, rows: list[Row], rules: list[Rule]) -> None:
+    write_rows(tmp_path, rows, rules)
+    assert read_metered(tmp_path) == (rows, rules)
+    (tmp_path / METER).write_text("{")
+    with pytest.raises(RunError, match="expected what `jouleswarm meter` writes"):
+        read_metered(tmp_path)
