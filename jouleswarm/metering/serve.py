@@ -77,7 +77,8 @@ async def _serve(
 ) -> list[Row]:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
     async with proxy.listening(*listen) as port:
         on_listening(port)
         before: dict[Key, Counts] | None = None
