@@ -79,6 +79,23 @@ def mosquitto() -> Iterator[Running]:
         process.wait(timeout=10)
 
 
+@contextlib.contextmanager
+def metered(url: str, log: IO[str] | None = None) -> Iterator[Running]:
+    """The metering proxy before a broker."""
+    with tempfile.TemporaryDirectory() as folder:
+        (links := Path(folder, "links.toml")).write_text('"jouleswarm/#rest" = { link = "uplink" }\n', encoding="utf-8")
+        options = ("--to", url, "--listen", "127.0.0.1:0", "--links", str(links), "--out", folder)
+        command = (sys.executable, "-u", "-m", "jouleswarm", "meter", "proxy", *options)
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process:
+            assert process.stdout is not None
+            port = process.stdout.readline().split("127.0.0.1:")[1].split()[0]
+            try:
+                yield Running(f"mqtt://127.0.0.1:{port}", process)
+            finally:
+                process.terminate()
+                process.stdout.read()
+
+
 def parser(doc: str | None) -> argparse.ArgumentParser:
     """Of a benchmark's options; its module's words are the help."""
     return argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -15,8 +15,7 @@ from enum import IntFlag
 from typing import NamedTuple
 
 from jouleswarm.common.errors import ConfigurationError
-
-Levels = tuple[str, ...]
+from jouleswarm.common.wire.filters import Levels, covers, is_filter, matches
 
 
 class Access(IntFlag):
@@ -97,35 +96,11 @@ def permits_filter(groups: Iterable[Iterable[Rule]], topic_filter: str) -> bool:
     return _decide(groups, Access.READ, lambda rule: covers(rule.levels, levels))
 
 
-def matches(topic_filter: Levels, topic: Levels) -> bool:
-    """Whether a filter matches a topic (MQTT 3.1.1, section 4.7)."""
-    if topic[0].startswith("$") and topic_filter[0] in ("+", "#"):
-        return False
-    for place, level in enumerate(topic_filter):
-        if level == "#":
-            return True
-        if place >= len(topic) or level not in ("+", topic[place]):
-            return False
-    return len(topic_filter) == len(topic)
-
-
-def covers(wide: Levels, narrow: Levels) -> bool:
-    """Whether every topic that the filter `narrow` matches is matched by the filter `wide`."""
-    if narrow[0].startswith("$") and wide[0] in ("+", "#"):
-        return False
-    for place, level in enumerate(wide):
-        if level == "#":
-            return True
-        if place >= len(narrow) or narrow[place] == "#" or level not in ("+", narrow[place]):
-            return False
-    return len(wide) == len(narrow)
-
-
 def _parse_rule(text: str, where: str) -> Rule:
     word, _, rest = text.partition(" ")
     access, topic_filter = (_ACCESS[word], rest.strip()) if rest and word in _ACCESS else (_ACCESS["readwrite"], text)
     levels = tuple(topic_filter.split("/"))
-    if "#" in "".join(levels[:-1]) or any(level not in ("+", "#") and set(level) & set("+#") for level in levels):
+    if not is_filter(levels):
         raise ConfigurationError(
             f"{where}: got the filter {topic_filter!r}; expected + and # alone in their levels, # in the last one only"
         )

@@ -1,15 +1,17 @@
 """Broken clients against a real broker process, while an honest pair exchanges numbered messages through it.
 
-    python -m fuzz.broker [--connections 100000] [--seed 1] [--at-once 48] [--minutes 10]
+    python -m fuzz.broker [--connections 100000] [--seed 1] [--at-once 48] [--minutes 10] [--proxy]
 
 The broker must live, answer, end whom it must end, come back to the file descriptors that it had, stay within
 --rss-limit-mb and log no traceback; of the honest messages none may be lost, changed or out of order. Exit code 1
-otherwise. Connections end with RST, so that the machine does not run out of ports.
+otherwise. Connections end with RST, so that the machine does not run out of ports. With --proxy all of them go through
+a metering proxy, and it is the one that is looked at.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import math
 import random
@@ -19,12 +21,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import psutil
 
-from benchmarks.harness import MEGABYTE, embedded, parser
+from benchmarks.harness import MEGABYTE, Running, embedded, metered, parser
 from fuzz.honest_pair import HonestPair
 from fuzz.hostile_packets import KINDS, Kind, connect
 from jouleswarm.common.bus.address import parse_url
@@ -109,9 +113,19 @@ def settled_fds(process: psutil.Process, wanted: int) -> int:
     return fds
 
 
-def run(connections: int, seed: int, at_once: int, rss_limit_mb: float, log: Path, minutes: float = math.inf) -> Result:
+@contextlib.contextmanager
+def attacked(errors: IO[str], *, proxy: bool) -> Iterator[Running]:
+    """A broker, or the proxy before one."""
+    with embedded(*LIMITS, log=errors) as broker, contextlib.ExitStack() as stack:
+        yield stack.enter_context(metered(broker.url, errors)) if proxy else broker
+
+
+def run(
+    connections: int, seed: int, at_once: int, rss_limit_mb: float, log: Path, minutes: float = math.inf,
+    *, proxy: bool = False,
+) -> Result:  # fmt: skip
     """Start a broker, attack it, and look at what is left."""
-    with log.open("w") as errors, embedded(*LIMITS, log=errors) as broker, HonestPair(broker.url) as pair:
+    with log.open("w") as errors, attacked(errors, proxy=proxy) as broker, HonestPair(broker.url) as pair:
         address, process, child = parse_url(broker.url), psutil.Process(broker.pid), broker.process
         pair.wait_for(50)
         rss, fds, begun_s = process.memory_info().rss, process.num_fds(), time.monotonic()
@@ -165,11 +179,13 @@ def main() -> None:
     known.add_argument("--at-once", type=int, default=48)
     known.add_argument("--minutes", type=float, default=math.inf, help="stop earlier")
     known.add_argument("--rss-limit-mb", type=float, default=160.0)
+    known.add_argument("--proxy", action="store_true", help="attack a metering proxy before the broker")
     known.add_argument("--log", type=Path, help="keep the broker's log")
     options = known.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         log = options.log or Path(folder, "broker.log")
-        result = run(options.connections, options.seed, options.at_once, options.rss_limit_mb, log, options.minutes)
+        how = options.connections, options.seed, options.at_once, options.rss_limit_mb, log, options.minutes
+        result = run(*how, proxy=options.proxy)
     show(result)
     sys.exit(1 if result.wrong else 0)
 

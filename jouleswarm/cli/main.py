@@ -9,6 +9,7 @@ from jouleswarm.cli.calibrate import calibrate
 from jouleswarm.cli.chaos import chaos
 from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.keys import keys
+from jouleswarm.cli.meter import meter
 from jouleswarm.cli.report import audit, report
 from jouleswarm.cli.run import record, run, validate
 from jouleswarm.cli.study import study
@@ -23,6 +24,7 @@ app = typer.Typer(
 for command in (run, validate, record, report, bill, calibrate, chaos, audit):
     app.command()(command)
 app.add_typer(keys, name="keys")
+app.add_typer(meter, name="meter")
 app.add_typer(study, name="study")
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
+
 from fuzz.broker import run
 from fuzz.hostile_packets import KINDS
 
 
-def test_the_broker_and_an_honest_pair_live_through_every_kind_of_hostile_connection(tmp_path):
-    result = run(4 * len(KINDS), 7, 16, 160.0, tmp_path / "broker.log")
+@pytest.mark.parametrize("proxy", [False, True])
+def test_the_broker_and_an_honest_pair_live_through_every_kind_of_hostile_connection(tmp_path, proxy):
+    result = run(4 * len(KINDS), 7, 16, 160.0, tmp_path / "broker.log", proxy=proxy)
     assert result.wrong == []
     for kind in KINDS:
         ends = result.by_kind[kind.name]
