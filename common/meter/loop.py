@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import csv
+import errno
 import fcntl
 import io
 import os
@@ -157,7 +158,7 @@ class Meter:
                 raise ConfigurationError(
                     f"meter {self.name}: phase {label[0]} in a second thread, expected one thread's"
                 )
-            self._thread, self._depth = here, self._depth + step
+            self._thread, self._depth = here, max(self._depth + step, 0)  # a fork may be inside a phase
             before, self._label = self._label, label
             self._energy.enter(*label, "")
             if not self._depth and time.monotonic() - self._flushed_s >= _FLUSH_S:
@@ -177,6 +178,7 @@ class Meter:
             held[1] += amount
 
     def _check(self, link: str, end: str, other: str) -> None:
+        _check_word(other)
         if _ROLES.get((link, end)) != self.role:
             ways = [each for (each, way), role in _ROLES.items() if (way, role) == (end, self.role)]
             raise ConfigurationError(f"meter {self.name}: a {self.role} has {end} {link}, expected {' or '.join(ways)}")
@@ -216,7 +218,7 @@ class Meter:
             data, size = (b"" if head else _HEAD) + text.getvalue().encode(), file.seek(0, os.SEEK_END)
             if file.write(data) != len(data):  # a full disk: rather no rows than half of one
                 file.truncate(size)
-                raise OSError(f"{self.file}: no space left for what was counted")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.file))
 
 
 def _check_word(word: str) -> None:

@@ -23,7 +23,7 @@ def with_numbers(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     cells = {str(row[column]) for row in rows for column in _COLUMNS if row.get(column) is not None}
     names = {cell for cell in cells if any(map(str.isalpha, cell))} - {_CENTER}
-    numbers = {name: int(found[0]) for name in names if (found := re.search(r"[0-9]{1,6}$", name))}
+    numbers = {name: int(found[0]) for name in names if (found := re.search(r"(?<![0-9])[0-9]{1,6}$", name))}
     if len(set(numbers.values()) - {0}) < len(names):
         if others := sorted(cells - names - {_CENTER}):
             raise ConfigurationError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import signal
 import subprocess
 import sys
@@ -107,6 +108,26 @@ def test_a_phase_has_its_own_seconds_and_joules_and_one_inside_is_no_part_of_it(
     assert {row["how"] for row in rows(file) if row["what"] == "joules"} == {"estimated: CPU time x 10 W"}
 
 
+def test_a_gpu_s_joules_are_rows_of_their_own_and_its_seconds_are_not_told_twice(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Gpu:
+        how = "nvml"
+
+        def joules(self) -> float:
+            return 5.0
+
+    monkeypatch.setattr(loop, "gpu", lambda uuid: Gpu() if uuid == "a-uuid" else None)
+    monkeypatch.setattr("jouleswarm.common.meter.power.Rapl.__init__", _missing)
+    meter = Meter("client-1", file=file, gpu_uuid="a-uuid")
+    meter.flush()
+    assert sorted((row["what"], row["how"]) for row in rows(file)) == [
+        ("cpu_s", ""), ("joules", f"estimated: CPU time x {85 / (os.cpu_count() or 1):.4g} W"), ("joules", "nvml"),
+        ("seconds", ""),
+    ]  # fmt: skip
+    assert [float(row["value"]) for row in rows(file) if row["how"] == "nvml"] == [pytest.approx(5)]
+
+
 def _missing(*_: object) -> None:
     raise FileNotFoundError
 
@@ -170,12 +191,27 @@ def test_a_forked_child_does_not_tell_again_what_its_parent_tells(file: Path) ->
     assert counts(file) == {("gradients",): 7}
 
 
+def test_a_child_forked_inside_a_phase_goes_on_counting(file: Path) -> None:
+    child = ("os.fork() and os.wait()", "m.gradients(1)")
+    done = run(file, "with m.phase('a'):", *(f"    {line}" for line in child), "with m.phase('b'): m.gradients(1)")
+    assert done.returncode == 0, done.stderr
+    assert counts(file, "activity") == {("gradients", "a"): 1, ("gradients", "b"): 2, ("gradients", ""): 1}
+
+
+def test_several_processes_share_a_file(file: Path) -> None:
+    code = f"from jouleswarm import Meter; Meter('c-1', file={str(file)!r}).gradients(3)"
+    started = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(3)]
+    assert [process.wait(60) for process in started] == [0, 0, 0]
+    assert counts(file) == {("gradients",): 9}
+    assert file.read_text().count("arm,phase") == 1
+
+
 def test_a_full_disk_leaves_no_half_row_and_the_counts(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     meter = Meter("client-1", file=file)
     meter.gradients(5)
     before = file.read_bytes()
     monkeypatch.setattr(loop.Path, "open", lambda path, *_, **__: _Full(path))
-    with pytest.raises(OSError, match="no space left"):
+    with pytest.raises(OSError, match="No space left"):
         meter.flush()
     monkeypatch.undo()
     assert file.read_bytes() == before
@@ -218,6 +254,7 @@ class _Full:
         (lambda file: Meter("a", file=file).sent("up", 1), "a robot has sent up, expected uplink or sidelink"),
         (lambda file: Meter("a", file=file).sent("sidelink", 1), "sent sidelink without to=, expected a client's name"),
         (lambda file: Meter("s", "server", file).received("uplink", 1), "received uplink without sender="),
+        (lambda file: Meter("a", file=file).sent("sidelink", 1, to="b\n"), r"meter: name 'b\n', expected"),
         (lambda file: Meter("a", file=file).sent("uplink", -1), "-1 of uplink, expected 0 or more"),
         (lambda file: Meter("a", file=file).phase("").__enter__(), "meter: name ''"),
     ],

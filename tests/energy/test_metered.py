@@ -27,6 +27,7 @@ def numbers(*names: object) -> list[object]:
         (["client-0", "client-10", "client-2"], [1, 3, 2]),  # 0 is the data center's
         (["a-1", "b-1"], [1, 2]),
         (["zoe", "ann"], [2, 1]),
+        (["node-1234567", "node-7"], [1, 2]),  # more digits than a robot's number has
     ],
 )
 def test_names_become_numbers(names: list[object], found: list[object]) -> None:
