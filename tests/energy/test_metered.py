@@ -88,6 +88,23 @@ def test_files_one_by_one_are_the_folder_and_constants_are_by_robot(folder: Path
     assert causes["computing_datacenter"] == pytest.approx(4 * 0.02 * 590 * 1.67)
 
 
+def test_rounds_are_those_told_or_else_those_of_the_labels_and_counted_once() -> None:
+    rows = [
+        {"robot": f"c-{robot}", "what": what, "value": 10, "round": number}
+        for robot, last in ((1, 3), (2, 2))
+        for number in range(1, last + 1)
+        for what in ("gradients", "motions")
+    ]
+    (facts,) = calculate(rows).facts.values()
+    assert facts.rounds == {1: 3}
+    assert [(work.robot, work.plain, work.motions, work.rounds) for work in facts.work] == [
+        (1, 30, 30, 3),
+        (2, 20, 20, 3),
+    ]
+    (told,) = calculate([*rows, {"what": "rounds", "value": 7}]).facts.values()
+    assert (told.rounds, [work.rounds for work in told.work]) == ({1: 7}, [7, 7])
+
+
 def test_what_was_measured_stands_beside_the_bill_and_not_in_it(folder: Path) -> None:
     found = document(calculate(folder))
     places = {(each["arm"], each["site"], each["activity"]) for each in found["measured"]}
