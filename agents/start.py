@@ -27,7 +27,7 @@ def begin(here: Here, way: Way, keep: Callable[[], None]) -> tuple[dict[str, Any
         keep: writes the robot's state; called before others are told anything.
     """
     exchange, settings = here.exchange, here.scenario.federation
-    trials = here.explorer.evaluate_at_start(way.policy, min(settings.reward_window, settings.max_rounds))
+    trials = here.explorer.evaluate_at_start(way.policy, settings.reward_window)
     mean = mean_of(trials)
     exchange.at_start.setdefault(here.agent, mean.reward)
     keep()

@@ -134,3 +134,14 @@ def test_every_test_is_below_a_path_that_is_tested() -> None:
 def test_a_late_import_across_the_rule_is_found(line: str, found: str) -> None:
     source = f"import os\ndef f():\n    {line}\n    from jouleswarm.common.bus import bus\n"
     assert breaches("fleet.deploy", source, set(sources())) == [(3, found)]
+
+
+def test_files_and_functions_are_short() -> None:
+    found = {}
+    for module, path in sources().items():
+        text = path.read_text(encoding="utf-8")
+        functions = [each for each in ast.walk(ast.parse(text)) if isinstance(each, ast.FunctionDef)]
+        lines = {each.name: (each.end_lineno or 0) - each.lineno + 1 for each in functions}
+        if len(text.splitlines()) > 250 or any(length > 60 for length in lines.values()):
+            found[module] = {name: length for name, length in lines.items() if length > 60}
+    assert found == {}

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _LARGEST = "50%"  # of the memory, of which it takes what is written
+_TRIES = 100
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,15 @@ class RamDisk:
     path: Path
 
     def fill(self) -> None:
-        """Leave no room but in what has been begun: it is made as small as what is on it."""
+        """Leave no room but in what has been begun: it is made as small as what is on it.
+
+        What is written at that moment makes it larger, and the system then leaves the size as it was: tried again.
+        """
+        any(self._shrink() for _ in range(_TRIES))
+
+    def _shrink(self) -> bool:
         held = os.statvfs(self.path)
-        _mount("-o", f"remount,size={(held.f_blocks - held.f_bfree) * held.f_frsize}", str(self.path))
+        return _mount("-o", f"remount,size={(held.f_blocks - held.f_bfree) * held.f_frsize}", str(self.path))
 
     def make_room(self) -> None:
         """End what `fill` did."""

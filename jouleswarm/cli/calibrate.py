@@ -43,7 +43,7 @@ def calibrate(
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.methods.calibration import calibrate as measured
     from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, write_energy
-    from jouleswarm.report.table import terminal
+    from jouleswarm.report.table import show
 
     settings = load_scenario(scenario, set_ or ())
     check_writable(write)
@@ -52,7 +52,7 @@ def calibrate(
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         work = bar.add_task(f"{role} on {device}", total=1.0)
         found = measured(settings, role, device, repeats, lambda part: bar.update(work, completed=part))
-    console.print(terminal(calibration_table(found, settings.name, device)))
+    show(calibration_table(found, settings.name, device), console)
     lines = energy_lines(found, settings.name, device)
     if write is not None:
         write_energy(write, lines)

@@ -39,7 +39,7 @@ def chaos(
     from jouleswarm.chaos.faults import KINDS, FaultKind
     from jouleswarm.chaos.table import chaos_table
     from jouleswarm.common.scenario.reading import load_scenario, scenario_path
-    from jouleswarm.report.table import terminal
+    from jouleswarm.report.table import show
 
     unknown = [each for each in kind or () if each not in KINDS]
     if unknown:
@@ -56,7 +56,7 @@ def chaos(
     ]
     console = Console()
     done = run_chaos(settings, options, out, faults, seed, pause_s, chosen, console)
-    console.print(terminal(chaos_table(done)))
+    show(chaos_table(done), console)
     console.print(f"as CSV: {out / CSV}", highlight=False)
     if len(done) < faults:
         missing = f"{faults - len(done)} of {faults} faults were not injected"

@@ -34,6 +34,35 @@ EnergyFile = Annotated[
 ]
 
 
+Measured = Annotated[
+    bool,
+    typer.Option(
+        "--measure", help="Have each process measure its own joules too (RAPL, NVML, else estimated by CPU time)."
+    ),
+]
+Resume = Annotated[
+    Path | None,
+    typer.Option(help="In place of a scenario: go on with this run directory, from where it was interrupted."),
+]
+Restarts = Annotated[
+    int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
+]
+Durable = Annotated[
+    bool,
+    typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
+]
+Dry = Annotated[
+    bool, typer.Option("--dry", help="Run nothing: print what it will cost, by the closed form, and how long.")
+]
+Rounds = Annotated[
+    int | None, typer.Option(min=1, help="Of each task, beside federation.max_rounds, where nothing is run (--dry).")
+]
+KeepState = Annotated[
+    bool,
+    typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
+]
+
+
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:
     """`--set` and `--seed` as overrides of a scenario."""
     return [*(set_ or ()), *([f"seed={seed}"] if seed is not None else ())]

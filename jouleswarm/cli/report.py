@@ -34,6 +34,15 @@ def report(
     ] = None,
     why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
     energy: EnergyFile = None,
+    meter: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
+    ] = None,
+    meter_name: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
+    ] = None,
+    meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
 ) -> None:
     """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
@@ -42,6 +51,7 @@ def report(
     """
     from jouleswarm.common.scenario.reading import energy_file
     from jouleswarm.energy.repricing import Prices, parse_beta
+    from jouleswarm.report.outside import Meters
     from jouleswarm.report.report import report as print_bill
 
     prices = Prices(
@@ -55,7 +65,8 @@ def report(
         via_base_station=via_base_station,
     )
     changes = [*energy_file(energy), *prices.changes, *(set_ or ())]
-    print_bill(run_directory, changes=changes, budget=budget, why=why, html=figures, figures=figures)
+    meters = Meters(meter or (), meter_name or (), meter_shift) if meter or meter_name or meter_shift else None
+    print_bill(run_directory, changes=changes, budget=budget, why=why, meters=meters, html=figures, figures=figures)
 
 
 def audit() -> None:

@@ -8,7 +8,21 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from jouleswarm.cli.options import EnergyFile, Out, RunId, ScenarioFile, Seed, overrides
+from jouleswarm.cli.options import (
+    Dry,
+    Durable,
+    EnergyFile,
+    KeepState,
+    Measured,
+    Out,
+    Restarts,
+    Resume,
+    Rounds,
+    RunId,
+    ScenarioFile,
+    Seed,
+    overrides,
+)
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
@@ -29,12 +43,7 @@ def run(
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,
-    measure: Annotated[
-        bool,
-        typer.Option(
-            "--measure", help="Have each process measure its own joules too (RAPL, NVML, else estimated by CPU time)."
-        ),
-    ] = False,
+    measure: Measured = False,
     out: Out = Path("runs"),
     run_id: RunId = None,
     broker: Annotated[
@@ -42,28 +51,13 @@ def run(
     ] = None,
     keys: KeysOption = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
-    resume: Annotated[
-        Path | None,
-        typer.Option(help="In place of a scenario: go on with this run directory, from where it was interrupted."),
-    ] = None,
-    restarts: Annotated[
-        int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
-    ] = 20,
-    durable: Annotated[
-        bool,
-        typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
-    ] = False,
+    resume: Resume = None,
+    restarts: Restarts = 20,
+    durable: Durable = False,
     other_processor: OtherProcessorOption = False,
-    dry: Annotated[
-        bool, typer.Option("--dry", help="Run nothing: print what it will cost, by the closed form, and how long.")
-    ] = False,
-    rounds: Annotated[
-        int | None, typer.Option(min=1, help="With --dry: rounds of each task, beside federation.max_rounds.")
-    ] = None,
-    keep_state: Annotated[
-        bool,
-        typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
-    ] = False,
+    dry: Dry = False,
+    rounds: Rounds = None,
+    keep_state: KeepState = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -100,9 +94,7 @@ def validate(
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,
-    rounds: Annotated[
-        int | None, typer.Option(min=1, help="Rounds of each task, beside federation.max_rounds.")
-    ] = None,
+    rounds: Rounds = None,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
     from jouleswarm.common.scenario.reading import energy_file, load_scenario

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from operator import add
 from typing import NamedTuple
 
 Joules = float | None
@@ -69,7 +70,7 @@ class Cost:
     untold_j: float = 0.0  # the list says neither what for nor who pays
 
     def __add__(self, other: Cost) -> Cost:
-        return Cost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return Cost(*map(add, vars(self).values(), vars(other).values()))  # `astuple` copies, ten times as slow
 
     @property
     def sidelink_j(self) -> float:

@@ -7,7 +7,7 @@ round has the same part; what goes down to robots before the first round is part
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import astuple, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from jouleswarm.energy.facts import Counts, Facts, Flow, Phase, Work
@@ -33,7 +33,7 @@ def until(facts: Facts, round_: float) -> Facts:
         return share.get(task, 1.0) if phase == "fl" else 1.0
 
     def counts(phase: Phase, task: int, held: Counts) -> Counts:
-        return Counts(*(part(phase, task) * value for value in astuple(held)))
+        return Counts(*(part(phase, task) * value for value in vars(held).values()))
 
     flows, work, sent = facts.known_flows, facts.known_work, facts.known_sent
     return replace(

@@ -21,7 +21,8 @@ class Literal:
 
     def price(self, facts: Facts, energy: Energy) -> Bill:
         """The bill of an arm; `energy.beta` is a number. Of robots and links with constants of their own by items."""
-        return bill(facts.counts, energy) if energy.is_uniform else total(items(facts, energy))
+        sums_suffice = energy.is_uniform or (energy.is_alike and facts.known_work is None)
+        return bill(facts.counts, energy) if sums_suffice else total(items(facts, energy))
 
 
 def data_center_gradient_j(energy: Energy) -> float:
@@ -73,6 +74,8 @@ def price(counts: Counts, energy: Energy) -> Cost:
         downlink_j=transfer_j(counts.downlink_bytes, down_bit_per_j),
         sidelink_robots_j=side_robots_j,
         sidelink_datacenter_j=side_down_j,
+        acting_robots_j=counts.motions * energy.motion_j,
+        evaluating_robots_j=counts.evaluation_motions * (energy.motion_j + energy.forward_j),
     )
 
 

@@ -124,6 +124,8 @@ def _price(prices: PriceList, facts: Facts, energy: Energy, where: str) -> Bill 
         bill = prices.price(facts, energy)
     except UnknownFactError:
         return None
+    except ConfigurationError:  # of what it was given
+        raise
     except Exception as error:  # whatever a user's list does
         raise ConfigurationError(
             f"{where}: price() fails on {_arm(facts)}: {type(error).__name__}: {error}{_line(error)}"

@@ -233,7 +233,7 @@ class Recorder:
         telemetry, client = decode_json(message.payload, Telemetry), message.topic.split("/")[-2]
         row = telemetry.row
         check_row(row, client, self._scenario)
-        self._directory.round(row)
+        self._directory.round(row, time.time())
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
         self._attendance.is_back(client)

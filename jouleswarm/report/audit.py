@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 
 from jouleswarm.report.audit_rows import EFFICIENT_SIDELINK, EFFICIENT_UPLINK, audit_rows, implied_bill, literal_bill
-from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.table import Table, show, terminal
 from jouleswarm.runs.paper import TABLE_II
 
 _LEGEND = (
@@ -19,7 +19,7 @@ def print_audit(console: Console | None = None) -> None:
     """Print `audit_rows`, then Table II with its sums and what its rows cost."""
     console = console or Console()
     console.print(terminal(_claims(), wrap=True))
-    console.print(terminal(_table_ii()))
+    show(_table_ii(), console)
 
 
 def _claims() -> Table:

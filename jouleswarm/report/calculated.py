@@ -23,7 +23,7 @@ from jouleswarm.energy.prices import PriceList, price, price_lists, with_beta
 from jouleswarm.energy.published import published
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.report.format import grams_text, joules_text
-from jouleswarm.report.table import Cell, Table, terminal
+from jouleswarm.report.table import Cell, Table, show
 from jouleswarm.report.times import times_tables
 from jouleswarm.report.why import ranges_tables
 from jouleswarm.runs.seconds import seconds_parts
@@ -81,7 +81,7 @@ def print_calculated(found: Calculated, console: Console | None = None) -> None:
     lists = [each for each in found.bills if each != published]  # which follows none of the constants
     ranges = [table for each in lists for table in ranges_tables(found.facts, names, energy, each, plain)]
     for table in (*_tables(found), *ranges):
-        console.print(terminal(table))
+        show(table, console)
     for prices, arm, other, tasks in found.break_even_tasks:
         told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
         console.print(f"{arm} against {other}: {told} ({prices.label})", style="bold", highlight=False)

@@ -24,7 +24,7 @@ from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run
 
 CAPTIONS = {
-    "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), measured payload bytes; "
+    "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), counted payload bytes; "
     "closed form where nothing was metered). Plain: learning, acting and waiting; hatched: communication.",
     "rounds": "Rounds of meta-learning in the data center and rounds until each task was learned; a cross marks a "
     "task that was not.",
@@ -34,7 +34,7 @@ CAPTIONS = {
     "the same part of its total); curves begin when their stage is paid for.",
     "why": "What the comparison hangs on: joules with a model learned first over joules without, where one constant is "
     "halved (the arrow's end) or doubled; dashed is the verdict's turning.",
-    "time": "Energy (equations (8)-(12), measured payload bytes) against seconds to learn, an arm a point; dashed "
+    "time": "Energy (equations (8)-(12), counted payload bytes) against seconds to learn, an arm a point; dashed "
     "through the arms that no other beats in both.",
     "bytes": "Payload bytes received by all processes so far, by link class.",
 }

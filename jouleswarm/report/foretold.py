@@ -11,11 +11,11 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, price_lists
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text, joules_text
-from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.table import Table, show
 from jouleswarm.runs.foretold import foretold_facts, room_of, round_lines
 from jouleswarm.runs.speed import estimated_s, measure_speed
 
-_PHASES = {"ml": "the stage before", "fl": "the tasks"}
+_PHASES = {"ml": "stage", "fl": "tasks"}
 
 
 def print_foretold(scenario: Scenario, rounds: int | None = None, console: Console | None = None) -> None:
@@ -23,7 +23,7 @@ def print_foretold(scenario: Scenario, rounds: int | None = None, console: Conso
     console = console or Console()
     room, speed = room_of(scenario), measure_speed(scenario)
     for table in (_round(scenario), _whole(scenario, rounds)):
-        console.print(terminal(table))
+        show(table, console)
     center = f", the data center {bytes_text(room.datacenter)}" if room.datacenter else ""
     processes = len(scenario.agents) + scenario.needs_datacenter
     one = f"a gradient {speed.gradient_s * 1e3:.3g} ms and a motion {speed.motion_s * 1e3:.3g} ms of processor time"

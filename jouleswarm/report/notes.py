@@ -108,7 +108,7 @@ def _methods(run: Run) -> list[Method]:
 def _notes_of_the_columns(run: Run) -> list[str]:
     lines, own = [], own_lists(run.price_lists)
     if literal in run.price_lists:
-        which = "The last four" if not own else "Table I sizes, scenario sizes and the measured ones"
+        which = "The last four" if not own else "Table I sizes, scenario sizes and the counted ones"
         lines.append(
             f"Column paper is as printed, all others are for this run's rounds. {which} are equations (8)-(12), with "
             "Table I's batches and bytes, with the scenario's, and with gradients and bytes as counted, without and "
@@ -161,7 +161,7 @@ def _notes_of_the_run(run: Run) -> list[str]:
     if run.cut:
         lines.append(f"The last line of {' and '.join(run.cut)} is torn and left out.")
     if source is None:
-        lines.append("No byte counters were written: measured communication is not known, columns of it are empty.")
+        lines.append("No byte counters were written: communication was not counted, its columns are empty.")
     elif told := (run.summary or {}).get("counters"):
         lines.append(f"Metered by {told}.")
     elif source == "client":

@@ -20,7 +20,8 @@ from jouleswarm.report.budget import budget_table
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.html import write_html
 from jouleswarm.report.notes import headline, notes, verdicts, warnings
-from jouleswarm.report.table import Table, terminal
+from jouleswarm.report.outside import Meters, outside_table
+from jouleswarm.report.table import Table, show
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
 from jouleswarm.runs.curves import curves
@@ -36,6 +37,7 @@ def report(
     changes: Iterable[Override] = (),
     budget: str | None = None,
     why: bool = False,
+    meters: Meters | None = None,
     html: bool = False,
     figures: bool = False,
     console: Console | None = None,
@@ -47,10 +49,11 @@ def report(
         prices: in place of the run's own.
         budget: what had been learned by then, such as 10kJ.
         why: what each bill hangs on.
+        meters: what was measured from outside.
         changes: of the scenario's section energy, any constant in place of the run's own.
 
     Raises:
-        ConfigurationError: no such directory, or a price that is no price.
+        ConfigurationError: no such directory, a price that is no price, or a power log that is none of this run's.
         RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
     """
     run = load_run(run_dir)
@@ -59,6 +62,8 @@ def report(
     more = why_tables(run, energy) if why else []
     if budget is not None:
         more.append(budget_table(curves(run, energy), budget))
+    if meters is not None:
+        more.append(outside_table(run, energy, meters))
     print_report(run, energy, console, more)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
         written = write_figures(run, energy, suffix) if figures else []
@@ -82,7 +87,7 @@ def print_report(
         console.print(line, style="bold red", highlight=False)
     console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in tables:
-        console.print(terminal(table))
+        show(table, console)
     for line in verdicts(run, energy):
         console.print(line, style="bold", highlight=False)
     for line in notes(run, energy):

@@ -7,10 +7,11 @@ import html
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import rich.table
 from rich.box import SIMPLE_HEAVY
+from rich.console import Console
 from rich.markup import escape
 
 Cell = str | int | float | bool | None
@@ -30,13 +31,18 @@ class Table(NamedTuple):
     styles: Mapping[int, str] = MappingProxyType({})
 
 
+_PADDING, _EDGES = 2, 2
+"""Of a column, and of a table, on a terminal."""
+
+
 def number(value: float) -> str:
     """A number for readers: three digits or one decimal, whichever is more."""
     return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
 
 
-def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
-    """For a console. `wrap`: names are sentences, which may be broken, and the figures may not."""
+def terminal(table: Table, *, wrap: bool = False, tight: bool = False) -> rich.table.Table:
+    """For a console. `wrap`: names are sentences, which may be broken, and the figures may not; `tight`: columns are
+    no wider than they must be, so that words and figures stay whole."""
     shown = rich.table.Table(
         title=escape(table.title),
         caption=escape("\n".join(table.notes)) or None,
@@ -46,11 +52,51 @@ def terminal(table: Table, *, wrap: bool = False) -> rich.table.Table:
         padding=(0, 1, 0, 0),
         show_lines=wrap,
     )
-    for place, heading in enumerate(table.headings):
-        shown.add_column(escape(heading), justify="right" if place else "left", no_wrap=(place == 0) != wrap)
+    widths = _widths(table, whole=False) if tight else [None] * len(table.headings)
+    for place, (heading, width) in enumerate(zip(table.headings, widths, strict=True)):
+        side: Literal["left", "right"] = "right" if place else "left"
+        shown.add_column(escape(heading), justify=side, no_wrap=(place == 0) != wrap and not tight, width=width)
     for row, style in _styled(table):
         shown.add_row(*map(escape, row), style=style, end_section=style == "bold")
     return shown
+
+
+def show(table: Table, console: Console) -> None:
+    """Print it: whole, or where that is too wide in several, so that nothing is cut."""
+    for part in narrowed(table, console.width):
+        console.print(terminal(part, tight=_wide(_widths(part, whole=True)) > console.width))
+
+
+def narrowed(table: Table, width: int) -> list[Table]:
+    """The table; or where it is wider than so many characters several, each with some of its columns after names."""
+    needs = _widths(table, whole=False)
+    parts: list[list[int]] = [[]]
+    for place in range(1, len(needs)):
+        if parts[-1] and _wide([needs[each] for each in (0, *parts[-1], place)]) > width:
+            parts.append([])
+        parts[-1].append(place)
+    return [
+        table._replace(
+            title=table.title if number == 0 else f"{table.title} (more of it)",
+            headings=[table.headings[place] for place in (0, *part)],
+            rows=[[row[place] for place in (0, *part)] for row in table.rows],
+            notes=table.notes if number == len(parts) - 1 else (),
+        )
+        for number, part in enumerate(parts)
+    ]
+
+
+def _widths(table: Table, *, whole: bool) -> list[int]:
+    """Characters that each column needs; headings are broken between words unless `whole`."""
+    rows = [cells for cells, _ in _styled(table)]
+    return [
+        max([*map(len, [heading] if whole else heading.split()), *(len(row[place]) for row in rows)], default=0)
+        for place, heading in enumerate(table.headings)
+    ]
+
+
+def _wide(widths: Sequence[int]) -> int:
+    return sum(widths) + _PADDING * len(widths) + _EDGES
 
 
 def html_text(table: Table) -> str:

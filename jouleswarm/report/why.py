@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jouleswarm.common.scenario.energy import Energy
@@ -13,7 +14,7 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price, with_beta
 from jouleswarm.energy.uncertain import bills, draw, interval, pays
-from jouleswarm.energy.why import CONSTANTS, Price, hangs, scaled, value_of
+from jouleswarm.energy.why import CONSTANTS, Hang, Price, hangs, scaled, value_of
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.report.arms import INK, colours, label, labels, method_label
 from jouleswarm.report.canvas import new_figure
@@ -27,25 +28,34 @@ _MOST_PANELS = 3
 
 def why_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
     """For each arm with a stage before: what its bill hangs on, and at which value the verdict would turn."""
-    tables = []
+    tables, plain = [], method_label(run.scenario, BASELINE)
     for arm in comparable(run):
-        here = with_beta(energy, run.facts[arm.name])
-        mine, other = total_of(run.facts[arm.name], prices), total_of(run.facts[BASELINE], prices)
-        found = sorted(hangs(here, mine, other), key=lambda each: -abs(each.elasticity))
-        rows = [
-            [
-                CONSTANTS[each.constant],
-                f"{each.value:.4g}",
-                f"{abs(each.elasticity):.2%}",
-                f"{each.elasticity:+.4f}",
-                "never" if each.turns_at is None else f"{each.turns_at:.4g}",
-            ]
-            for each in found
-        ]
-        headings = ["constant", "value", "share of the bill", "elasticity", "verdict turns at"]
-        against = f"{label(run.scenario, arm)} against {method_label(run.scenario, BASELINE)}"
-        tables.append(Table(f"What the bill hangs on: {against}", headings, rows))
+        facts = run.facts[arm.name]
+        mine, other = total_of(facts, prices), total_of(run.facts[BASELINE], prices)
+        told = f"{label(run.scenario, arm)} against {plain}"
+        tables.append(why_table(told, sorted_hangs(with_beta(energy, facts), mine, other)))
     return tables
+
+
+def sorted_hangs(energy: Energy, mine: Price, other: Price) -> list[Hang]:
+    """`hangs`, what the bill hangs on most first."""
+    return sorted(hangs(energy, mine, other), key=lambda each: -abs(each.elasticity))
+
+
+def why_table(against: str, found: Iterable[Hang]) -> Table:
+    """What one bill hangs on, for readers."""
+    rows = [
+        [
+            CONSTANTS[each.constant],
+            f"{each.value:.4g}",
+            f"{abs(each.elasticity):.2%}",
+            f"{each.elasticity:+.4f}",
+            "never" if each.turns_at is None else f"{each.turns_at:.4g}",
+        ]
+        for each in found
+    ]
+    headings = ["constant", "value", "share of the bill", "elasticity", "verdict turns at"]
+    return Table(f"What the bill hangs on: {against}", headings, rows)
 
 
 def breakeven_tables(run: Run, energy: Energy, prices: PriceList = literal) -> list[Table]:
@@ -99,17 +109,24 @@ def tornado_figure(run: Run, energy: Energy) -> Figure:
     for axes, arm in zip(figure.subplots(len(arms), 1, squeeze=False).ravel(), arms, strict=True):
         here, facts = with_beta(energy, run.facts[arm.name]), (run.facts[arm.name], run.facts[BASELINE])
         mine, other = (total_of(each, literal) for each in facts)
-        bars = sorted(_bars(here, mine, other), key=lambda bar: abs(math.log(bar[2] / bar[1])))
-        for place, (constant, half, double) in enumerate(bars):
-            axes.barh(place, double - half, left=half, color=colours(run.scenario)[arm.name], height=0.6)
-            axes.plot(half, place, marker="<" if half < double else ">", color=INK, markersize=3)
-            axes.annotate(f" {CONSTANTS[constant]}", (max(half, double), place), va="center", fontsize=7)
-        axes.axvline(mine(here) / other(here), color=INK, linewidth=0.8)
+        tornado(axes, here, _ratio(mine, other), colours(run.scenario)[arm.name])
         axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
-        axes.set_xscale("log")
-        axes.set_yticks([])
         axes.set_xlabel(f"joules of {label(run.scenario, arm)} / joules of {method_label(run.scenario, BASELINE)}")
     return figure
+
+
+def tornado(axes: Axes, energy: Energy, answer: Price, colour: str) -> None:
+    """How an answer moves where one constant is halved (the arrow's end) or doubled; infinite ones are left out."""
+    axes.use_sticky_edges = False  # room for the names
+    bars = sorted(_bars(energy, answer), key=lambda bar: abs(math.log(bar[2] / bar[1])))
+    for place, (constant, half, double) in enumerate(bars):
+        axes.barh(place, double - half, left=half, color=colour, height=0.6)
+        axes.plot(half, place, marker="<" if half < double else ">", color=INK, markersize=3)
+        axes.annotate(f" {CONSTANTS[constant]}", (max(half, double), place), va="center", fontsize=7)
+    if math.isfinite(now := answer(energy)):
+        axes.axvline(now, color=INK, linewidth=0.8)
+        axes.set_xscale("log")
+    axes.set_yticks([])
 
 
 def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -> Price:
@@ -123,14 +140,18 @@ def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -
     return total
 
 
-def _bars(energy: Energy, mine: Price, other: Price) -> Iterator[tuple[str, float, float]]:
-    """(constant, factor where it is halved, where it is doubled) of the constants that move it."""
+def _bars(energy: Energy, answer: Price) -> Iterator[tuple[str, float, float]]:
+    """(constant, the answer where it is halved, where it is doubled) of the constants that move it."""
     for constant in CONSTANTS:
         if not value_of(energy, constant):
             continue
-        half, double = (mine(each) / other(each) for each in (scaled(energy, constant, f) for f in (0.5, 2.0)))
-        if abs(math.log(double / half)) > 1e-6:
+        half, double = (answer(scaled(energy, constant, factor)) for factor in (0.5, 2.0))
+        if math.isfinite(half + double) and abs(math.log(double / half)) > 1e-6:
             yield constant, half, double
+
+
+def _ratio(mine: Price, other: Price) -> Price:
+    return lambda energy: mine(energy) / other(energy)
 
 
 def _signed(joules: float) -> str:

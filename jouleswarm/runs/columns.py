@@ -20,7 +20,7 @@ from jouleswarm.runs.sizes import scenario_sizes
 NOT_DEFINED = "not defined here"
 """`about` of a column whose price list implies nothing for this arm."""
 
-MEASURED = "measured payload"
+COUNTED = "counted payload"
 """The column of the equations over what was counted, without MQTT's own bytes."""
 
 
@@ -43,8 +43,8 @@ def columns(run: Run, arm: str, energy: Energy) -> list[Column]:
         views = {
             "Table I sizes": closed_facts(run, arm, TABLE_I),
             "scenario sizes": closed_facts(run, arm),
-            MEASURED: facts,
-            "measured packets": run.packet_facts[arm],
+            COUNTED: facts,
+            "counted packets": run.packet_facts[arm],
         }
         found += [_column(label, literal, view, energy) for label, view in views.items()]
     return found + [_column(each.label, each, facts, energy) for each in own_lists(lists)]
@@ -60,7 +60,7 @@ def closed_facts(run: Run, arm: str, sizes: RoundSizes | None = None) -> Facts:
 
 def telling_lists(run: Run) -> dict[str, PriceList]:
     """The lists that tell what joules were spent on and who pays, by what their tables and panels are headed with."""
-    ours = {MEASURED.capitalize(): literal} if literal in run.price_lists else {}
+    ours = {COUNTED.capitalize(): literal} if literal in run.price_lists else {}
     return ours | {each.label: each for each in own_lists(run.price_lists)}
 
 

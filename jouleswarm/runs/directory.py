@@ -6,6 +6,7 @@
 ``work.jsonl``      gradients and motions that each process has done, kept or not
 ``joules.jsonl``    joules that each process has measured of itself, of a run with ``measure.energy``
 ``progress.jsonl``  payload bytes received so far by link class, over time
+``times.jsonl``     when each row came, by the recorder's clock
 ``summary.json``    rounds, rewards, joules and bytes of each arm
 ``doors/``          the user's own files, methods, edge lists, ... as they were
 ``weights/``        learned weights and meta-models as safetensors
@@ -47,7 +48,7 @@ MANIFEST, ROUNDS, METER, WORK, PROGRESS, SUMMARY = (
     "progress.jsonl",
     "summary.json",
 )
-JOULES = "joules.jsonl"
+JOULES, TIMES = "joules.jsonl", "times.jsonl"
 _SUMS, _SEALS = "rows.sums", "seals"
 
 
@@ -88,7 +89,8 @@ class RunDirectory:
                 raise RunError(f"{self._state}: what tells of the run's files is gone; begin the run anew")
             self._seals = sealed.files if sealed is not None else {}
         self._rows.go_on()
-        whole_lines(self.path / PROGRESS)
+        for name in (PROGRESS, TIMES):
+            whole_lines(self.path / name)
         for name in (METER, WORK, JOULES, SUMMARY):  # of a run that was interrupted
             (self.path / name).unlink(missing_ok=True)
 
@@ -112,9 +114,12 @@ class RunDirectory:
             noted.append(processor)
             self.manifest(manifest)
 
-    def round(self, row: RoundRow) -> None:
-        """Append a row (see `RowFile.add`)."""
+    def round(self, row: RoundRow, time_s: float | None = None) -> None:
+        """Append a row (see `RowFile.add`), and when it came, in seconds since 1970."""
         self._rows.add(row)
+        if time_s is not None:
+            whose = row.model_dump(include={"phase", "arm", "task", "agent", "round"})
+            self._append(TIMES, {"time_s": round(time_s, 3), **whose})
 
     def begin_again(self, is_over: Callable[[RoundRow], bool]) -> None:
         """The rows that were the last ones of their robots are not, but those of which that `is_over` holds."""
@@ -130,11 +135,7 @@ class RunDirectory:
 
     def progress(self, row: dict[str, Any]) -> None:
         """Append a point of the byte curves."""
-        try:
-            with (self.path / PROGRESS).open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-        except OSError as error:
-            raise disk_error(self.path / PROGRESS, error) from error
+        self._append(PROGRESS, row)
 
     def meter(self, rows: Iterable[MeterRow]) -> None:
         """Write the final counters."""
@@ -173,6 +174,13 @@ class RunDirectory:
     def rows(self) -> list[RoundRow]:
         """Rows written so far, in order of arrival."""
         return list(self._rows.rows())
+
+    def _append(self, name: str, row: dict[str, Any]) -> None:
+        try:
+            with (self.path / name).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise disk_error(self.path / name, error) from error
 
     def _keep(self, name: str, content: Payload) -> None:
         """Write a file that a resumed run must find as it is."""

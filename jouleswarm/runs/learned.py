@@ -45,7 +45,7 @@ def missed_exits(settings: Federation, rows: Sequence[RoundRow], newest: Mapping
     for row in rows:
         last, reached = newest[row.agent].round, row.measures.get("reached")
         if reached is not None and (row.round == last == 0 or 0 < row.round > last - settings.reward_window):
-            count = 1 if row.round else min(settings.reward_window, settings.max_rounds)
+            count = 1 if row.round else settings.reward_window
             missed, episodes = missed + round((1 - reached) * count), episodes + count
     return missed, episodes
 

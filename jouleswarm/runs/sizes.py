@@ -1,4 +1,4 @@
-"""What a scenario's rounds should compute and move, from its settings alone, to hold measurements against."""
+"""What a scenario's rounds should compute and move, from its settings alone, to hold counts against."""
 
 from __future__ import annotations
 

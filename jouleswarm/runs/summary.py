@@ -19,7 +19,7 @@ from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.battery import lives
 from jouleswarm.energy.bill import Bill, Cost, Joules, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
-from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.facts import Counts, Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, price_lists, with_beta
 from jouleswarm.energy.published import published
@@ -124,7 +124,7 @@ def _arm_summary(
         "t0": done.t0,
         "tasks": [asdict(result) for result in results],
         "zero_shot_share": zero_shot_share(results) if results else None,
-        "counts": {"ml": asdict(done.counts.ml), "fl": asdict(done.counts.fl)},
+        "counts": {"ml": _counts(done.counts.ml), "fl": _counts(done.counts.fl)},
         "energy_j": {
             "literal": bill_parts(priced, metered),
             "published": bill_parts(published.price(done, energy), is_whole(published, done)),
@@ -138,6 +138,11 @@ def _arm_summary(
         **({"lost_work": _lost_parts(done, kept, motions, energy)} if done.counts != kept.counts or motions else {}),
         "bytes": {link.value: traffic(meter_rows, arm.name, link)._asdict() for link in Link},
     }
+
+
+def _counts(counts: Counts) -> dict[str, float]:
+    """Motions of a run are in its work, not in its sums."""
+    return {name: value for name, value in asdict(counts).items() if not name.endswith("motions")}
 
 
 def _own_bill(prices: PriceList, facts: Facts, energy: Energy) -> dict[str, Any] | None:

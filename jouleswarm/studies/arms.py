@@ -7,7 +7,7 @@ from typing import Literal
 
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
-from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.facts import META_STAGE, Fact
 from jouleswarm.studies.prices import failures, runs_of, task_stages
 
 Measure = Literal["rounds", "rounds_first", "rounds_w3"]
@@ -31,6 +31,18 @@ def rounds_estimate(facts: Sequence[Fact], arm: str, tasks: Iterable[int], measu
     """Rounds of an arm summed over `tasks`, over seeds."""
     wanted, runs = set(tasks), runs_of(facts, "", arm).values()
     return estimate(sum(getattr(fact, measure) for fact in task_stages(run) if fact.task in wanted) for run in runs)
+
+
+def by_full_window(facts: Iterable[Fact], window: int) -> list[Fact]:
+    """The facts with t_i by the full window: R of fewer rounds than `window` says nothing, so a task takes as many.
+
+    Where robots stopped on a part of the window that is the least it can be; what was learned by round 0 stays so.
+    """
+
+    def rounds(fact: Fact) -> int:
+        return max(fact.rounds, window) if fact.task != META_STAGE and fact.learned and fact.rounds else fact.rounds
+
+    return [fact.model_copy(update={"rounds": rounds(fact)}) for fact in facts]
 
 
 def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[int] | None = None) -> tuple[int, int]:

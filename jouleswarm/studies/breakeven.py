@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from statistics import fmean
 from typing import NamedTuple
 
@@ -87,7 +87,7 @@ def mean_facts(runs: Sequence[Facts]) -> Facts:
     """The mean over runs of what was counted and of the rounds."""
     first = runs[0]
     parts = {
-        key: Counts(*(fmean(values) for values in zip(*(astuple(run.parts[key]) for run in runs), strict=True)))
+        key: Counts(*map(fmean, zip(*(vars(run.parts[key]).values() for run in runs), strict=True)))
         for key in first.parts
     }
     return replace(first, parts=parts, rounds={task: fmean(run.rounds[task] for run in runs) for task in first.rounds})

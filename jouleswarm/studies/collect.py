@@ -10,7 +10,7 @@ from statistics import fmean
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.energy.facts import STAGE
+from jouleswarm.energy.facts import STAGE, Facts, Phase
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.facts import TaskResult
 from jouleswarm.runs.run import Run
@@ -58,7 +58,8 @@ def _meta_fact(run: Run, arm: Arm) -> Fact:
         learned=True,
         reward=None,
         rmse_m=None,
-        **asdict(run.facts[arm.name].parts["ml", STAGE]),
+        **_counts(run.facts[arm.name], "ml", STAGE),
+        beta=run.facts[arm.name].beta,
         seconds=round(sum(row.seconds for row in stage if row.round <= arm.t0), 3),
     )
 
@@ -83,9 +84,20 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
         learned=result.learned,
         reward=result.reward,
         rmse_m=result.rmse_m,
-        **asdict(facts.parts["fl", result.task]),
+        **_counts(facts, "fl", result.task),
         seconds=_slowest_s(rows),
     )
+
+
+def _counts(facts: Facts, phase: Phase, task: int) -> dict[str, float | None]:
+    """Sums of a stage, with what its robots' bodies did."""
+    mine = [work for work in facts.work if work.phase == phase and task in (STAGE, work.task)]
+    evaluating = sum(work.evaluation_motions for work in mine)
+    acted = {
+        "motions": sum(work.motions for work in mine),
+        "evaluation_motions": None if phase == "fl" and not evaluating else evaluating,  # every round has an episode
+    }
+    return asdict(facts.parts[phase, task]) | acted
 
 
 def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:

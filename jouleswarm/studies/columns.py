@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.energy.bill import PAPER_CAUSES, Cause
+from jouleswarm.energy.bill import CAUSES, PAPER_CAUSES, SITES, Cause, site_parts
 from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import cost_of, failures, moved_bytes, priced, runs_of, task_stages
+from jouleswarm.studies.prices import cost_of, failures, moved_bytes, moved_motions, priced, runs_of, task_stages
 
 Value = Callable[[list[Fact]], float | None]
 """Of the facts of one arm and seed; None where it is not known."""
@@ -63,13 +64,39 @@ def total_column(prices: PriceList, energy: Energy, heading: str) -> Column:
     return Column("total_j" if prices is literal else f"{prices.name}_j", heading, 1e3, total_j)
 
 
-def cause_columns(energy: Energy) -> list[Column]:
-    """Joules by cause, literal prices: these have no other."""
+MOTIONS = Column("motions", "motions", 1, moved_motions)
+
+
+def cause_columns(energy: Energy, causes: Sequence[Cause] = PAPER_CAUSES) -> list[Column]:
+    """Joules by cause, literal prices: these have no other. Of evaluation not known where its motions are not."""
 
     def spent_on(cause: Cause) -> Value:
-        return lambda run: cost_of(run, energy).by_cause[cause]
+        def value(run: list[Fact]) -> float | None:
+            uncounted = cause.key == "evaluating" and any(fact.evaluation_motions is None for fact in task_stages(run))
+            return None if uncounted else cost_of(run, energy).by_cause[cause]
 
-    return [Column(cause.column, f"{cause.heading} (kJ)", 1e3, spent_on(cause)) for cause in PAPER_CAUSES]
+        return value
+
+    return [Column(cause.column, f"{cause.heading} (kJ)", 1e3, spent_on(cause)) for cause in causes]
+
+
+def phase_columns(energy: Energy) -> list[Column]:
+    """E_ML and E_FL, literal prices."""
+    names = {"ml": "E_ML (kJ)", "fl": "E_FL (kJ)"}
+    return [Column(f"{phase}_j", heading, 1e3, partial(_phase_j, energy, phase)) for phase, heading in names.items()]
+
+
+def site_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
+    """Who pays; not known where a price list does not tell."""
+
+    def paid(site: str) -> Value:
+        def value(run: list[Fact]) -> float | None:
+            bill = priced(run, energy, prices)
+            return site_parts(bill.both if bill else None)[site]
+
+        return value
+
+    return [Column(f"paid_by_{site}_j", f"paid by {name} (kJ)", 1e3, paid(site)) for site, name in SITES.items()]
 
 
 def carbon_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
@@ -95,9 +122,22 @@ def arm_columns(energy: Energy, lists: Sequence[PriceList]) -> list[Column]:
     return [
         Column("rounds", "rounds", 1, rounds_sum),
         Column("success", "learned (%)", 0.01, lambda run: 1 - failures(run) / len(task_stages(run))),
-        *cause_columns(energy),
+        *cause_columns(energy, [cause for cause in CAUSES if cause in PAPER_CAUSES or _acting(energy).get(cause.key)]),
+        *phase_columns(energy),
+        *site_columns(energy),
         total_column(literal, energy, "E (kJ)"),
         *(total_column(each, energy, f"E (kJ), {each.label}") for each in own_lists(lists)),
         Column("bits", "Gbit", 1e9, lambda run: BITS_PER_BYTE * moved_bytes(run)),
+        MOTIONS,
         *carbon_columns(energy),
     ]
+
+
+def _acting(energy: Energy) -> dict[str, float]:
+    """What is paid for a robot's body, by the keys of the causes."""
+    return {"acting": energy.motion_j, "evaluating": energy.motion_j + energy.forward_j}
+
+
+def _phase_j(energy: Energy, phase: str, run: list[Fact]) -> float | None:
+    bill = priced(run, energy, literal)
+    return getattr(bill, phase).total_j if bill else None

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.energy.prices import PriceList
+from jouleswarm.energy.prices import PriceList, with_beta
 from jouleswarm.report.table import Table
 from jouleswarm.studies.arms import failures_of
 from jouleswarm.studies.columns import arm_columns
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import PRICE_LISTS, runs_of
+from jouleswarm.studies.prices import PRICE_LISTS, facts_of, runs_of
 from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
 _CENSORED = (
@@ -47,4 +47,17 @@ def comparison_markdown(
         head = (variant, arm) if varied else (arm,)
         rows.append((*head, *cells, failures_text(*failures_of(facts, variant, arm))))
     head = ("variant", "arm") if varied else ("arm",)
-    return Table(title, (*head, *(column.heading for column in columns), "not learned"), rows, (_CENSORED,))
+    return Table(
+        title,
+        (*head, *(column.heading for column in columns), "not learned"),
+        rows,
+        (_CENSORED, *_beta_note(facts, energy)),
+    )
+
+
+def _beta_note(facts: Sequence[Fact], energy: Energy) -> list[str]:
+    """Which beta of eq. (9) was priced, where a gradient on B^(b) was."""
+    held = {fact.method: with_beta(energy, facts_of([fact])).beta for fact in facts if fact.gradients_query}
+    exact = ", ".join(f"{method} {beta:g}" for method, beta in held.items())
+    how = "as measured by time" if energy.beta == "measured" else "given"
+    return [f"Gradients on B^(b) at beta of eq. (9), {how}: {exact}."] if held else []

@@ -56,12 +56,12 @@ def panels_figure(
         height_in: of a row.
         numbered: the bars' heights in place of the tasks that were not learned.
     """
-    figure, measured = new_figure(height_in * len(rows)), {fact.variant for fact in facts}
+    figure, known = new_figure(height_in * len(rows)), {fact.variant for fact in facts}
     arms = list(dict.fromkeys(fact.arm for fact in facts))
     colours = {arm: method_colour(scenario, method_of(arm)) for arm in arms}
     panels = figure.subplots(len(rows), max(len(columns) for _, columns in rows.values()), squeeze=False)
     for row, (what, (variants, columns)) in zip(panels, rows.items(), strict=True):
-        shown = {value: variant for value, variant in variants.items() if variant in measured}
+        shown = {value: variant for value, variant in variants.items() if variant in known}
         for axes, column in zip(row, columns, strict=True):
             for place, arm in enumerate(arms):
                 found = [column.shown(facts, variant, arm) for variant in shown.values()]

@@ -56,14 +56,22 @@ class Fact(BaseModel):
     """Wall-clock time of the stage: of its slowest robot, or of the data center."""
     processor: str = ""
     """What it was computed on (see `common.host`); "" in facts from before that was noted."""
+    motions: float | None = None
+    """Of all robots, to learn from; None in facts from before that was noted (see `prices.with_motions`)."""
+    evaluation_motions: float | None = None
+    """Of greedy episodes; None where they were not counted."""
+    beta: float | None = None
+    """Of the stage: beta of eq. (9) as it was measured, 1 where no gradient goes through one; None: it was not."""
 
     @property
     def counts(self) -> Counts:
         """What is priced."""
-        return Counts(**{each.name: getattr(self, each.name) for each in fields(Counts)})
+        return Counts(**{each.name: getattr(self, each.name) or 0 for each in fields(Counts)})
 
 
 COLUMNS = tuple(Fact.model_fields)
+_FIRST = COLUMNS.index("processor")
+"""Facts from before one of these columns was noted end somewhere behind this many."""
 _TEXTS = ("variant", "processor")
 
 
@@ -87,7 +95,7 @@ def read_facts(path: Path) -> list[Fact]:
         rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StudyError(f"{path}: cannot be read ({error}); expected the facts.csv of a study") from error
-    columns = COLUMNS if rows and len(rows[0]) == len(COLUMNS) else COLUMNS[:-1]
+    columns = COLUMNS[: max(len(rows[0]), _FIRST)] if rows else COLUMNS
     if not rows or tuple(rows[0]) != columns:
         got = ",".join(rows[0]) if rows else "an empty file"
         raise StudyError(f"{path}: got {got}, expected the columns {','.join(COLUMNS)}; run the study again")

@@ -15,7 +15,9 @@ from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
 from jouleswarm.studies.names import StudyName
+from jouleswarm.studies.prices import with_motions
 from jouleswarm.studies.record import Record
+from jouleswarm.studies.uncertain import uncertain_csv, uncertain_markdown, uncertain_rows
 
 _PNG_DPI = 200
 
@@ -41,13 +43,23 @@ class Plan:
 
 @dataclass(frozen=True)
 class Kind:
-    """A study. To add one, write `plan` and `outputs` and name it in `studies.catalogue`."""
+    """A study. To add one, write `plan` and `tables` and name it in `studies.catalogue`."""
 
     name: StudyName
     seeds: int
     t0: int
     plan: Callable[[Request], Plan]
-    outputs: Callable[[Sequence[Fact], Record], Outputs]
+    tables: Callable[[Sequence[Fact], Record], Outputs]
+    """From facts with their motions."""
+
+    def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
+        """Tables and figures of facts as they were read; where constants are ranges, what that comes to besides."""
+        held, energy = with_motions(facts, record.scenario), record.scenario.energy
+        made = self.tables(held, record)
+        if rows := uncertain_rows(held, energy, record.lists):
+            made.csv["uncertain"] = uncertain_csv(rows)
+            made.markdown["uncertain"] = [uncertain_markdown(rows, energy)]
+        return made
 
 
 def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:

@@ -8,7 +8,7 @@ StudyName = Literal["paper", "baselines", "sensitivity", "regimes", "similarity"
 
 _HELP = (
     "The paper's Table II and Figs. 3 and 4: rounds and energy against t0. 15 seeds. --t0: of the break-even map; "
-    "without it the best one measured at each point.",
+    "without it the best one that ran at each point.",
     "All methods side by side: rounds, success, joules by cause, bits. 5 seeds, t0 = 90.",
     "Training tasks, cluster size, topology, batches a round, one at a time. 3 seeds, t0 = 90.",
     "The scenario's own learner against the authors' (slow, target copied rarely) and one that explores more. 5 seeds, "

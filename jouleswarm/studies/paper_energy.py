@@ -14,7 +14,7 @@ from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import PrintedTotal, printed_total
 from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of
 from jouleswarm.studies.breakeven import Compared, at_papers_sizes, compared
-from jouleswarm.studies.columns import carbon_columns
+from jouleswarm.studies.columns import MOTIONS, Column, carbon_columns, site_columns
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, Efficiencies, failures, priced, runs_of, task_stages
@@ -65,18 +65,18 @@ def energy_csv(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList]
                 counted = (len(runs_of(facts, "", arm)), *failures_of(facts, "", arm))
                 printed = _printed(t0, pair)
                 told = (printed.ml_j, printed.total_j) if printed else (None, None)
-                grams = [
+                more = [
                     cell
-                    for each in carbon_columns(pair.of(energy), prices)
+                    for each in _more_columns(pair.of(energy), prices)
                     for cell in spread(each.over(facts, "", arm))
                 ]
-                rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *grams))
+                rows.append((*_head(pair, prices, t0), *cells, *counted, *told, *more))
     return Table(
         "Energy by t0",
         (
             *("ul_kb_per_j", "sl_kb_per_j", "prices", "t0", "ml_j", "ml_ci95", "fl_j", "fl_ci95", "total_j"),
             *("total_ci95", "seeds", "not_learned", "trials", "printed_ml_j", "printed_total_j"),
-            *(name for column in carbon_columns(energy) for name in column.names),
+            *(name for column in _more_columns(energy, literal) for name in column.names),
         ),
         rows,
     )
@@ -116,7 +116,7 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
                 "E",
                 "not learned",
                 "printed E",
-                *(column.heading for column in carbon_columns(energy)),
+                *(column.heading for column in _more_columns(energy, literal)),
             )
             if held is None:
                 note = _UNDEFINED if prices is published else _UNKNOWN
@@ -125,8 +125,9 @@ def energy_markdown(facts: Sequence[Fact], energy: Energy, lists: Sequence[Price
             best = optimum(held)
             rows = []
             for row, arm in zip(held, arms_by_t0(facts).values(), strict=True):
-                grams = (estimate_text(each.over(facts, "", arm)) for each in carbon_columns(pair.of(energy), prices))
-                rows.append((*_row(facts, pair, row, row is best), *grams))
+                columns = _more_columns(pair.of(energy), prices)
+                more = (estimate_text(each.over(facts, "", arm), each.unit) for each in columns)
+                rows.append((*_row(facts, pair, row, row is best), *more))
             tables.append(Table(title, headings, rows, ("The lowest mean is bold.",)))
     return tables
 
@@ -168,6 +169,10 @@ def _break_even(each: Compared, energy: Energy, prices: PriceList) -> tuple[Cell
     for of in (tasks_to_pay, returns_to_pay):
         answers += [of(found), *(each.between(of, energy, prices) or (None, None))]
     return found.stage_j, found.seen_j, found.unseen_j, found.plain_j, *answers
+
+
+def _more_columns(energy: Energy, prices: PriceList) -> list[Column]:
+    return [*site_columns(energy, prices), MOTIONS, *carbon_columns(energy, prices)]
 
 
 def _row(facts: Sequence[Fact], pair: Efficiencies, row: EnergyRow, best: bool) -> tuple[Cell, ...]:

@@ -117,7 +117,7 @@ def break_even_figure(
 ) -> Figure:
     """Energy without over energy with meta-learning by number of tasks and E_UL / E_SL, the line where it is 1.
 
-    Without `t0` the best of those measured is taken at each point.
+    Without `t0` the best of those that ran is taken at each point.
     """
     tasks = np.geomspace(*_MAP_TASKS, _MAP_POINTS)
     ratios = np.geomspace(*_MAP_RATIOS, _MAP_POINTS)
@@ -139,7 +139,7 @@ def break_even_figure(
     axes.set_yscale("log")
     axes.set_xlabel("tasks $M$")
     axes.set_ylabel("$E_{UL} / E_{SL}$")
-    chosen = f"$t_0$ = {t0}" if t0 else "best measured $t_0$ at each point"
+    chosen = f"$t_0$ = {t0}" if t0 else "best $t_0$ at each point"
     axes.set_title(f"{chosen}, $E_{{SL}}$ = {sl_bit_per_j / 1e3:g} kb/J, {prices.label}")
     ticks = np.linspace(-limit, limit, 5)
     bar = figure.colorbar(mesh, ax=axes, ticks=ticks, label="energy without / with meta-learning")
@@ -148,9 +148,9 @@ def break_even_figure(
 
 
 def shown_t0(facts: Sequence[Fact]) -> int:
-    """The paper's t0 where it was measured, else the largest."""
-    measured = arms_by_t0(facts)
-    return PAPER_T0 if PAPER_T0 in measured else max(measured)
+    """The paper's t0 where it ran, else the largest."""
+    ran = arms_by_t0(facts)
+    return PAPER_T0 if PAPER_T0 in ran else max(ran)
 
 
 def _candidates(facts: Sequence[Fact], training: Sequence[int], t0: int | None) -> list[Compared]:
@@ -158,7 +158,7 @@ def _candidates(facts: Sequence[Fact], training: Sequence[int], t0: int | None) 
         return found
     raise StudyError(
         f"break-even: got no arm with meta-learning{f' of t0 = {t0}' if t0 else ''} beside one without, expected one; "
-        f"measured t0 are {', '.join(map(str, arms_by_t0(facts)))}"
+        f"those that ran are {', '.join(map(str, arms_by_t0(facts)))}"
     )
 
 

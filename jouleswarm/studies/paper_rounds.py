@@ -7,7 +7,15 @@ from math import fsum
 
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.runs.paper import TABLE_II
-from jouleswarm.studies.arms import MEASURES, Measure, arms_by_t0, failures_of, rounds_estimate, tasks_of
+from jouleswarm.studies.arms import (
+    MEASURES,
+    Measure,
+    arms_by_t0,
+    by_full_window,
+    failures_of,
+    rounds_estimate,
+    tasks_of,
+)
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.tables import estimate_text, failures_text, spread
 
@@ -20,57 +28,75 @@ _MEASURE_TITLES = {
 _CENSORED = "A task that was not learned counts as the rounds it ran, so means with such are lower bounds."
 
 
-def table_2_csv(facts: Sequence[Fact]) -> Table:
-    """t_i over seeds for every t0 and task and their sum, by each measure, beside the printed Table II."""
+def table_2_csv(facts: Sequence[Fact], window: int) -> Table:
+    """t_i over seeds for every t0 and task and their sum, by each measure, beside the printed Table II.
+
+    Args:
+        facts: of the study.
+        window: rounds that R is averaged over; t_i by all of them stand beside those that were counted.
+    """
     tasks = tasks_of(facts)
-    return _rounds_csv(facts, "task", [*((str(task), (task,)) for task in tasks), ("sum", tasks)])
+    return _rounds_csv(facts, window, "task", [*((str(task), (task,)) for task in tasks), ("sum", tasks)])
 
 
-def table_2_markdown(facts: Sequence[Fact]) -> list[Table]:
+def table_2_markdown(facts: Sequence[Fact], window: int) -> list[Table]:
     """The same for readers, a table a measure; the printed values stand in brackets."""
-    return [_by_measure(facts, measure) for measure in MEASURES]
+    return [_by_measure(facts, measure, window) for measure in MEASURES]
 
 
-def seen_unseen_csv(facts: Sequence[Fact], training: Sequence[int]) -> Table:
+def seen_unseen_csv(facts: Sequence[Fact], training: Sequence[int], window: int) -> Table:
     """Rounds summed over tasks seen in meta-training, and over the unseen, beside the printed sums."""
-    return _rounds_csv(facts, "tasks", _groups(facts, training))
+    return _rounds_csv(facts, window, "tasks", _groups(facts, training))
 
 
-def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int]) -> list[Table]:
-    """The same for readers, by the scenario's own reward window."""
-    groups = _groups(facts, training)
+def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int], window: int) -> list[Table]:
+    """The same for readers, by the scenario's own reward window: as counted, and by the full window."""
+    groups, full = _groups(facts, training), by_full_window(facts, window)
     rows: list[tuple[Cell, ...]] = []
     for t0, arm in arms_by_t0(facts).items():
         cells: list[Cell] = [t0]
         for _, of in groups:
             cells.append(_cell(facts, t0, arm, of, "rounds"))
+            cells.append(estimate_text(rounds_estimate(full, arm, of)))
             cells.append(failures_text(*failures_of(facts, "", arm, of)))
         rows.append(tuple(cells))
     named = [f"{name} ({', '.join(map(str, of))})" for name, of in groups]
-    headings = ("t0", *(heading for name in named for heading in (name, "not learned")))
-    return [Table("Rounds summed over seen and unseen tasks (printed)", headings, rows, (_CENSORED,))]
+    headings = ("t0", *(heading for name in named for heading in (name, "full window", "not learned")))
+    return [
+        Table("Rounds summed over seen and unseen tasks (printed)", headings, rows, (_CENSORED, _full_note(window)))
+    ]
 
 
-def _rounds_csv(facts: Sequence[Fact], what: str, groups: Sequence[tuple[str, tuple[int, ...]]]) -> Table:
-    """A row a measure, t0 and group of tasks."""
+def _rounds_csv(facts: Sequence[Fact], window: int, what: str, groups: Sequence[tuple[str, tuple[int, ...]]]) -> Table:
+    """A row a measure, t0 and group of tasks; by the full window beside the rounds that R's own measure counted."""
     rows: list[tuple[Cell, ...]] = []
+    full = by_full_window(facts, window)
     for measure in MEASURES:
         for t0, arm in arms_by_t0(facts).items():
             for name, of in groups:
                 found = rounds_estimate(facts, arm, of, measure)
                 counted = (found.n, *failures_of(facts, "", arm, of), _printed(t0, of, tasks_of(facts)))
-                rows.append((measure, t0, name, *spread(found), *counted))
-    return Table("", ("measure", "t0", what, "rounds", "ci95", "seeds", "not_learned", "trials", "printed"), rows)
+                by_full = spread(rounds_estimate(full, arm, of) if measure == "rounds" else None)
+                rows.append((measure, t0, name, *spread(found), *by_full, *counted))
+    headings = ("rounds", "ci95", "full_window", "full_ci95", "seeds", "not_learned", "trials", "printed")
+    return Table("", ("measure", "t0", what, *headings), rows)
 
 
-def _by_measure(facts: Sequence[Fact], measure: Measure) -> Table:
-    tasks = tasks_of(facts)
+def _by_measure(facts: Sequence[Fact], measure: Measure, window: int) -> Table:
+    tasks, full = tasks_of(facts), by_full_window(facts, window) if measure == "rounds" else None
     rows: list[tuple[Cell, ...]] = []
     for t0, arm in arms_by_t0(facts).items():
         cells = [_cell(facts, t0, arm, of, measure) for of in (*((task,) for task in tasks), tasks)]
-        rows.append((t0, *cells, failures_text(*failures_of(facts, "", arm, tasks))))
-    headings = ("t0", *(f"t_{task}" for task in tasks), "sum", "not learned")
-    return Table(f"Rounds t_i (printed): {_MEASURE_TITLES[measure]}", headings, rows, (_CENSORED,))
+        by_full = [estimate_text(rounds_estimate(full, arm, tasks))] if full else []
+        rows.append((t0, *cells, *by_full, failures_text(*failures_of(facts, "", arm, tasks))))
+    told = ["sum", *(["sum, full window"] if full else [])]
+    headings = ("t0", *(f"t_{task}" for task in tasks), *told, "not learned")
+    notes = (_CENSORED, *([_full_note(window)] if full else []))
+    return Table(f"Rounds t_i (printed): {_MEASURE_TITLES[measure]}", headings, rows, notes)
+
+
+def _full_note(window: int) -> str:
+    return f"Full window: t_i >= {window}, the rounds that R is averaged over, also where robots stopped on fewer."
 
 
 def _cell(facts: Sequence[Fact], t0: int, arm: str, of: Sequence[int], measure: Measure) -> str:

@@ -7,10 +7,11 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.bill import Bill, Cost
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Phase
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList, price
+from jouleswarm.energy.prices import PriceList, price, with_beta
 from jouleswarm.energy.published import published
 from jouleswarm.studies.facts import META_STAGE, Fact
 
@@ -37,6 +38,25 @@ PAIRS = (Efficiencies(200e3, 500e3), Efficiencies(500e3, 200e3))
 """The two pairs of the paper's Fig. 4a."""
 
 
+def with_motions(facts: Iterable[Fact], scenario: Scenario) -> list[Fact]:
+    """Facts with the motions of those that are from before motions were noted.
+
+    A robot of a cluster moves `motions_per_round` times a round, and so does a training robot, of whom there were as
+    many as there were batches a round over those of one.
+    """
+    learning, meta = scenario.learning, scenario.meta
+
+    def derived(fact: Fact) -> float:
+        if fact.task == META_STAGE:
+            batches = fact.gradients_support + fact.gradients_query
+            return batches / (meta.support_batches + meta.query_batches) * learning.motions_per_round
+        alone = scenario.method(fact.method).partners == "nobody"  # each stops by itself, so its gradients tell
+        rounds = fact.gradients_robots / learning.batches_per_round if alone else fact.rounds * fact.robots
+        return rounds * learning.motions_per_round
+
+    return [each if each.motions is not None else each.model_copy(update={"motions": derived(each)}) for each in facts]
+
+
 def facts_of(facts: Sequence[Fact]) -> Facts:
     """One arm of one run as price lists are given it: sums by phase and task, no single flows or processes."""
     stage, tasks = next((fact for fact in facts if fact.task == META_STAGE), None), task_stages(facts)
@@ -49,6 +69,7 @@ def facts_of(facts: Sequence[Fact]) -> Facts:
         rounds={fact.task: fact.rounds for fact in tasks},
         robots={fact.task: fact.robots for fact in tasks},
         links={fact.task: fact.links for fact in tasks},
+        beta=stage.beta if stage and stage.gradients_query else 1.0,
     )
 
 
@@ -64,13 +85,23 @@ def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> Bill | N
 
 
 def cost_of(facts: Sequence[Fact], energy: Energy) -> Cost:
-    """What one arm of one run cost by cause, literal prices."""
-    return literal.price(facts_of(facts), energy).both
+    """What one arm of one run cost by cause, literal prices.
+
+    Raises:
+        UnknownFactError: the constants are such that sums do not do.
+    """
+    held = facts_of(facts)
+    return literal.price(held, with_beta(energy, held)).both
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:
     """Bytes delivered over all priced links."""
     return math.fsum(fact.uplink_bytes + fact.downlink_bytes + fact.sidelink_bytes for fact in facts)
+
+
+def moved_motions(facts: Iterable[Fact]) -> float:
+    """Motions of all robots and stages, to learn from."""
+    return math.fsum(fact.motions or 0 for fact in facts)
 
 
 def runs_of(facts: Iterable[Fact], variant: str, arm: str) -> dict[int, list[Fact]]:

@@ -29,7 +29,7 @@ class Record(BaseModel):
     groups: dict[str, dict[str, str]] = Field(default_factory=dict)
     """What was varied -> its value -> the variant of facts.csv that has it; a figure each."""
     values: dict[str, dict[int, float]] = Field(default_factory=dict)
-    """Variant -> seed -> what was measured of its scenario before it ran (similarity, say)."""
+    """Variant -> seed -> what was computed of its scenario before it ran (similarity, say)."""
 
     @property
     def lists(self) -> tuple[PriceList, ...]:

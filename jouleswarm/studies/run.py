@@ -11,13 +11,14 @@ from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.prices import price_lists
+from jouleswarm.energy.prices import price_lists, with_beta
 from jouleswarm.energy.repricing import reprice as repriced
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.engine import FACTS, collected, run_jobs
 from jouleswarm.studies.facts import processors_note, read_facts, write_facts
 from jouleswarm.studies.jobs import Request
 from jouleswarm.studies.kinds import Kind, write_outputs
+from jouleswarm.studies.prices import facts_of
 from jouleswarm.studies.progress import Progress
 from jouleswarm.studies.record import RECORD, Record, read_record, write_record
 
@@ -101,6 +102,9 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
     scenario, _ = repriced(record.scenario, changes, str(results / RECORD))
     _check_prices(scenario)
     facts = read_facts(results / FACTS)
+    if scenario.energy.beta == "measured":
+        for fact in facts:
+            with_beta(scenario.energy, facts_of([fact]))
     with usable("--out", into):
         into.mkdir(parents=True, exist_ok=True)
     write_record(into, record.model_copy(update={"scenario": scenario}))
@@ -109,12 +113,12 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
 
 
 def _check_prices(scenario: Scenario) -> None:
-    """Whether facts can be priced. They are counts: what a run measured of beta is not among them."""
+    """Whether facts, which are sums over robots and links, can be priced."""
     price_lists(scenario)
-    if scenario.energy.beta == "measured":
+    if not scenario.energy.is_alike:
         raise ConfigurationError(
-            "energy.beta=measured: a study is priced with a number, expected one of 1 or more; "
-            "`python -m benchmarks.meta_gradient` measures it, `jouleswarm report --beta measured` takes a run's own"
+            "energy: got loss, idle power, links or constants of single robots; expected none, as a study keeps sums "
+            "alone; `jouleswarm report` prices its runs"
         )
 
 

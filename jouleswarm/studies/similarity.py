@@ -78,7 +78,7 @@ def gains_csv(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Tab
 
 
 def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Figure:
-    """Transfer gain against measured similarity: a point a run, and the mean of each stem with its interval."""
+    """Transfer gain against similarity: a point a run, and the mean of each stem with its interval."""
     figure = new_figure(3.2)
     axes = figure.subplots()
     for place, (variant, of_seeds) in enumerate(gains(facts).items()):

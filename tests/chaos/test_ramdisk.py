@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.chaos import ramdisk
-from jouleswarm.chaos.ramdisk import ram_disk
+from jouleswarm.chaos.ramdisk import RamDisk, ram_disk
 
 
 def test_a_full_disk_takes_nothing_and_is_copied_whole_in_the_end(tmp_path: Path) -> None:
@@ -35,3 +35,15 @@ def test_where_none_can_be_mounted_there_is_a_plain_folder(tmp_path: Path, monke
         assert disk is None
         (tmp_path / "run" / "rows").write_bytes(b"1")
     assert (tmp_path / "run" / "rows").read_bytes() == b"1"
+
+
+def test_a_disk_that_grew_at_that_moment_is_made_full_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    answers, asked = iter([False, False, True]), []
+
+    def mount(*arguments: str) -> bool:
+        asked.append(arguments)
+        return next(answers)
+
+    monkeypatch.setattr(ramdisk, "_mount", mount)
+    RamDisk(tmp_path).fill()
+    assert len(asked) == 3

@@ -212,6 +212,20 @@ def test_a_run_is_told_in_grams_of_carbon(jouleswarm: Call, write_run: Callable[
     assert "beta 1.5" in " ".join(out.split())
 
 
+def test_a_run_is_held_against_a_meter(jouleswarm: Call, write_run: Callable[..., Path], tmp_path: Path) -> None:
+    path, log = write_run(), tmp_path / "power.csv"
+    log.write_text("time,watt,name\n5000,15.0,shelly1\n5020,15.0,shelly1\n")
+    options = ["--meter", str(log), "--meter-name", "shelly1=agent-1", "--meter-shift", "-4000"]
+    code, _, err = jouleswarm("report", str(path), *options)
+    assert code == 2
+    assert err.endswith(f"{path} has no times (times.jsonl): run its scenario again, with the meter\n")
+    time = {"time_s": 1010, "phase": "fl", "arm": "fl", "task": 1, "agent": 1, "round": 1}
+    (path / "times.jsonl").write_text(json.dumps(time) + "\n")
+    code, out, _ = jouleswarm("report", str(path), *options)
+    assert code == 0
+    assert " 30 J " in out  # one round of ten has a time; 15 W for its 2 s
+
+
 def test_the_audit_prints_the_papers_figures(jouleswarm: Call) -> None:
     code, out, _ = jouleswarm("audit")
     assert code == 0

@@ -71,7 +71,7 @@ def test_a_folder_without_a_study_is_one_line_and_its_exit_code(jouleswarm: Call
         (("--scenario", "nowhere.toml"), "scenario nowhere.toml: cannot be read"),
         (("--scenario", TOY, "--seeds", "0"), "got 0 seeds from 1 on"),
         (("--scenario", TOY, "--set", "meta.t9=3"), "meta.t9: Extra inputs"),
-        (("--scenario", TOY, "--set", "energy.beta=measured"), "energy.beta=measured: a study is priced with a number"),
+        (("--scenario", TOY, "--set", "energy.idle_w=2"), "energy: got loss, idle power"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_before_anything_is_written(

@@ -45,7 +45,7 @@ def test_the_notebooks_run_is_priced_again_in_data_frames(notebook: tuple[str, R
     facts = done.facts("maml")
     assert sum(flow.messages for flow in facts.flows if flow.link == "uplink") == 12
     assert facts.counts.fl.gradients_robots == 48
-    assert (done.scenario.seed, len(done.rounds.query("phase == 'fl' and arm == 'fl'"))) == (3, 12)
+    assert (done.scenario.seed, len(done.rounds.query("phase == 'fl' and arm == 'fl'"))) == (3, 16)  # round 0 too
 
 
 def test_a_script_is_stopped_as_the_command_is(tmp_path: Path, start: Any, eventually: Any) -> None:

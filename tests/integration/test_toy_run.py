@@ -1,5 +1,6 @@
 """The whole path as a user takes it: `jouleswarm run scenarios/toy.toml`, and what it leaves behind."""
 
+import datetime
 import itertools
 import re
 from collections import Counter
@@ -153,7 +154,7 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
     names = {path.name for path in toy_run.path.iterdir()}
     files = {"manifest.json", "summary.json", "report.html"}
-    rows = {f"{name}.jsonl" for name in ("rounds", "meter", "work", "progress")}
+    rows = {f"{name}.jsonl" for name in ("rounds", "meter", "work", "progress", "times")}
     assert names == files | rows | {"weights", "figures", "logs"}
 
 
@@ -179,6 +180,16 @@ def test_progress_only_grows(toy_run: Any) -> None:
     for before, after in itertools.pairwise(rows):
         assert after["time_s"] > before["time_s"]
         assert all(after["bytes"][link] >= before["bytes"][link] for link in LINKS)
+
+
+def test_each_row_has_a_time_and_ended_after_the_run_began(toy_run: Any) -> None:
+    def whose(row: dict[str, Any]) -> tuple[Any, ...]:
+        return tuple(row[key] for key in ("phase", "arm", "task", "agent", "round"))
+
+    times = toy_run.lines("times.jsonl")
+    assert sorted(map(whose, times)) == sorted(map(whose, toy_run.lines("rounds.jsonl")))
+    started = datetime.datetime.fromisoformat(toy_run.manifest["started"]).timestamp()
+    assert all(started < row["time_s"] < started + 600 for row in times)
 
 
 def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: Any) -> None:

@@ -214,7 +214,7 @@ def test_every_arm_with_transfer_has_its_verdict(run: Run) -> None:
     assert len(lines) == 10
     (early,) = [line for line in lines if line.startswith("multitask, t0 = 2 against FL, no transfer: ")]
     assert " 0.57x (Table I sizes), " in early
-    assert ", 0.68x (measured payload)" in early  # 3430.56 / 5009.84 J
+    assert ", 0.68x (counted payload)" in early  # 3430.56 / 5009.84 J
     assert "(paper)" not in early
 
 

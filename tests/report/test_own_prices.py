@@ -50,8 +50,8 @@ def test_it_has_a_column_of_every_table(run: Run) -> None:
     energy = run.scenario.energy
     totals = totals_table(run, energy)
     assert totals.headings == [
-        "arm", "paper (its t0)", "published prices", "Table I sizes", "scenario sizes", "measured payload",
-        "measured packets", LABEL,
+        "arm", "paper (its t0)", "published prices", "Table I sizes", "scenario sizes", "counted payload",
+        "counted packets", LABEL,
     ]  # fmt: skip
     assert [row[-1] for row in totals.rows] == ["3.296 kJ", "2.453 kJ"]  # 3187.92 + 108 J, 2452.8 J
     parts = energy_table(run, "maml", energy)
@@ -65,7 +65,7 @@ def test_it_has_a_column_of_every_table(run: Run) -> None:
 def test_it_has_tables_by_cause_and_by_site_of_its_own(run: Run) -> None:
     energy = run.scenario.energy.model_copy(update={"robots_g_per_kwh": 360.0})  # 0.0001 g a joule
     ours, its = causes_tables(run, energy)
-    assert (ours.title, its.title) == ("Measured payload: E by cause", f"{LABEL}: E by cause")
+    assert (ours.title, its.title) == ("Counted payload: E by cause", f"{LABEL}: E by cause")
     assert its.rows[0][1:] == ["2.365 kJ", "816 J", "112.8 J", "0.8 J", "1.6 J", "3.296 kJ"]
     assert its.rows[1] == ours.rows[1]
     _, sites = sites_tables(run, energy)
@@ -89,7 +89,7 @@ def test_verdicts_and_notes_name_it(run: Run) -> None:
 
 def test_it_has_a_row_of_the_energy_figure(run: Run) -> None:
     tasks, total, its_tasks, its_total = energy_figure(run, run.scenario.energy).axes
-    assert [axes.get_title() for axes in (tasks, its_tasks)] == ["Measured payload", LABEL]
+    assert [axes.get_title() for axes in (tasks, its_tasks)] == ["Counted payload", LABEL]
     assert [bar.get_height() for bar in its_total.patches] == pytest.approx([3180.72, 115.2, 2448.0, 4.8])
     assert [bar.get_height() for bar in total.patches] == pytest.approx([3180.72, 7.2, 2448.0, 4.8])
     assert its_tasks.patches[1].get_height() == pytest.approx(113.6)

@@ -96,10 +96,10 @@ def test_an_interrupted_run_prints_what_is_known(interrupted) -> None:
 
 def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None:
     run = load_run(interrupted)
-    measured = column(columns(run, "maml", run.scenario.energy), "measured payload")
-    assert (measured["ml_learning"], measured["total"]) == (pytest.approx(2364.72), None)
+    counted = column(columns(run, "maml", run.scenario.energy), "counted payload")
+    assert (counted["ml_learning"], counted["total"]) == (pytest.approx(2364.72), None)
     held = {column.label: column.joules["total"] for column in columns(run, "maml", run.scenario.energy)}
-    assert held["measured payload"] is None
+    assert held["counted payload"] is None
     assert held["scenario sizes"] is not None
 
 
@@ -199,10 +199,10 @@ def test_columns_side_by_side(complete) -> None:
     assert (found["paper"]["total"], found["published prices"]["total"]) == (None, None)
     # 3 rounds x 2 robots x (20 x 1.67 x 11.8 J + 984 J) + 4 x 224 J + 10 rounds x 260.8 J
     assert found["Table I sizes"]["total"] == pytest.approx(6 * (394.12 + 984) + 896 + 2608)
-    assert found["measured payload"]["total"] == pytest.approx(3187.92)
+    assert found["counted payload"]["total"] == pytest.approx(3187.92)
     # packets: up 132,000 B, down 20,200 B at 200 kb/J, sidelinks 100,800 B at 500 kb/J
-    assert found["measured packets"]["ml_communication"] == pytest.approx(5.28 + 0.808)
-    assert found["measured packets"]["fl_communication"] == pytest.approx(1.6128)
+    assert found["counted packets"]["ml_communication"] == pytest.approx(5.28 + 0.808)
+    assert found["counted packets"]["fl_communication"] == pytest.approx(1.6128)
 
 
 def test_scenario_sizes_of_a_paper_size_scenario_are_near_table_i(complete) -> None:
@@ -224,7 +224,7 @@ def test_control_is_priced_apart(complete) -> None:
 def test_pricing_again_scales_communication_only(complete) -> None:
     run = load_run(complete)
     energy, suffix = repriced(run.scenario.energy, Prices(ul=500, sl=200), run.scenario)
-    parts = column(columns(run, "maml", energy), "measured payload")
+    parts = column(columns(run, "maml", energy), "counted payload")
     assert suffix == "-ul500-sl200"
     assert parts["ml_communication"] == pytest.approx(2.24)  # 140,000 B x 8 / 500 kb/J
     assert parts["fl_communication"] == pytest.approx(4.0)  # 100,000 B x 8 / 200 kb/J
@@ -284,7 +284,7 @@ def test_verdict_says_whether_meta_learning_pays(learned) -> None:
     run = load_run(learned)
     (line,) = verdicts(run, run.scenario.energy)
     assert line.startswith("MAML, t0 = 3 against FL, no transfer: does not pay ")
-    assert "0.77x (measured payload)" in line  # 2452.8 / 3187.92 J
+    assert "0.77x (counted payload)" in line  # 2452.8 / 3187.92 J
     assert "(paper)" not in line
     assert "(published prices)" not in line
 

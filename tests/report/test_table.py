@@ -2,11 +2,12 @@
 
 import io
 
+import pytest
 from rich.console import Console
 
 from jouleswarm.chaos.plan import Fault
 from jouleswarm.chaos.table import chaos_csv, chaos_table
-from jouleswarm.report.table import Table, csv_text, html_text, markdown_text, terminal
+from jouleswarm.report.table import Table, csv_text, html_text, markdown_text, show, terminal
 
 TABLE = Table(
     "E <J> [kJ]",
@@ -61,3 +62,29 @@ def test_faults_are_told_to_readers_and_to_programs() -> None:
     first, second = chaos_csv(faults).splitlines()[1:]
     assert first == "one,federated,robot killed,agent-1,2.35,1.25,True,False,"
     assert second == "two,federated,disk full,the disk,4.00,,,,no space left"
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 200])
+def test_a_table_that_is_too_wide_becomes_several_and_nothing_is_cut(width: int) -> None:
+    headings = ["arm", *(f"computing, number {place}" for place in range(7))]
+    rows = [[f"arm {arm}", *(f"{arm}{place}00.5 kJ" for place in range(7))] for arm in range(3)]
+    console = Console(file=io.StringIO(), width=width)
+    show(Table("Wide", headings, rows), console)
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    assert "…" not in text
+    assert all(len(line) <= width for line in text.splitlines())
+    assert all(cell in text for row in rows for cell in row)
+    assert text.count("computing,") == 7
+    assert text.count("arm 2") == {40: 4, 60: 2, 80: 2, 200: 1}[width]
+
+
+def test_a_cell_of_several_words_is_not_cut_either() -> None:
+    headings = ["arm", "paper (its t0)", "published prices", *(f"{word} sizes counted" for word in "abcd")]
+    row = ["FL, no transfer", "-", "not defined here", "10.86 kJ", "1.42 kJ", "1.421 kJ", "883.6 J"]
+    console = Console(file=io.StringIO(), width=80)
+    show(Table("E", headings, [row]), console)
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    assert all(cell in text for cell in row)
+    assert all(len(line) <= 80 for line in text.splitlines())

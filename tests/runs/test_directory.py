@@ -109,12 +109,12 @@ def test_an_interrupted_run_is_gone_on_with_and_its_torn_lines_are_cut_off(tmp_p
     directory = RunDirectory(tmp_path)
     directory.manifest({"run": "r"})
     directory.round(row(round=1))
-    directory.round(row(round=2))
+    directory.round(row(round=2), 1_700_000_000.1234)
     directory.progress({"time_s": 1.0})
     directory.weights("maml-task1", b"model")
     directory.meter([])
     directory.summary({"status": "interrupted"})
-    for name in ("rounds.jsonl", "progress.jsonl"):
+    for name in ("rounds.jsonl", "progress.jsonl", "times.jsonl"):
         with (tmp_path / name).open("a") as file:
             file.write('{"phase": "f')
 
@@ -125,10 +125,15 @@ def test_an_interrupted_run_is_gone_on_with_and_its_torn_lines_are_cut_off(tmp_p
     assert json.loads((tmp_path / "manifest.json").read_text()) == {"run": "r"}
     assert (tmp_path / "weights" / "maml-task1.safetensors").read_bytes() == b"model"
     resumed.round(row(round=2))
-    resumed.round(row(round=3))
+    resumed.round(row(round=3), 1_700_000_005.0)
     resumed.progress({"time_s": 2.0})
     assert [each["round"] for each in lines(tmp_path / "rounds.jsonl")] == [1, 2, 3]
     assert [each["time_s"] for each in lines(tmp_path / "progress.jsonl")] == [1.0, 2.0]
+    whose = {key: getattr(row(round=2), key) for key in ("phase", "arm", "task", "agent")}
+    assert lines(tmp_path / "times.jsonl") == [
+        {"time_s": 1_700_000_000.123, **whose, "round": 2},
+        {"time_s": 1_700_000_005.0, **whose, "round": 3},
+    ]
 
 
 def test_a_run_killed_before_its_first_row_is_gone_on_with(tmp_path: Path) -> None:

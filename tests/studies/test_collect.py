@@ -115,6 +115,14 @@ def test_a_tasks_own_stage_has_its_robots_gradients_and_sidelinks_only(run: Run)
     assert (found.uplink_bytes, found.downlink_bytes, found.gradients_support) == (0, 0, 0)
     assert (found.robots, found.links, found.seconds) == (2, 2, 6)  # the slower robot: 3 rounds of 2 s
     assert (found.reward, found.rmse_m, found.learned) == (43, 0.5, True)
+    assert (found.motions, found.evaluation_motions) == (3 * 2 * run.scenario.learning.motions_per_round, None)
+
+
+def test_beta_is_noted_where_the_data_center_measured_it(run: Run) -> None:
+    assert fact(run, "maml", 0).beta is None
+    rows = [row.model_copy(update={"beta": 2.5}) if row.agent == 0 else row for row in run.rows]
+    measured = Run(run.path, run.manifest, run.scenario, rows, run.meter_rows, [], run.summary, [])
+    assert [fact(measured, arm, task).beta for arm, task in (("maml", 0), ("fl", 1))] == [2.5, None]
 
 
 def test_rounds_are_told_by_three_measures(run: Run) -> None:

@@ -8,11 +8,17 @@ from statistics import fmean
 import pytest
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.breakeven import Savings, returns_to_pay, tasks_to_pay
 from jouleswarm.energy.curves import curve
 from jouleswarm.energy.facts import Counts, Facts, Phase
 from jouleswarm.energy.literal import literal, price
+from jouleswarm.studies.arms import by_full_window, rounds_estimate
+from jouleswarm.studies.breakeven import compared
+from jouleswarm.studies.columns import cause_columns
 from jouleswarm.studies.facts import META_STAGE, Fact, read_facts
+from jouleswarm.studies.prices import cost_of, moved_motions, runs_of, with_motions
+from jouleswarm.studies.record import read_record
 
 RESULTS = Path(__file__).parents[2] / "results"
 SEEN = (1, 2, 6)
@@ -55,6 +61,55 @@ def test_what_had_been_learned_after_so_many_rounds(compact: list[Fact]) -> None
     assert points[1].spent / 6 == pytest.approx(100.866, rel=1e-5)  # a cluster's round
     assert points[-1].spent == pytest.approx(8170.1, rel=1e-5)  # 81 of them
     assert [len(points[round_].learned) for round_ in (7, 8, 12, 18, 19)] == [0, 1, 3, 5, 6]
+
+
+def test_motions_of_transfer_and_what_they_cost(compact: list[Fact]) -> None:
+    # t_i x 2 robots x 20 motions, and t0 x 3 training robots x 20: 90 x 60 + 39.67 x 40 against 95.27 x 40.
+    scenario = read_record(RESULTS / "compact").scenario
+    facts = with_motions(compact, scenario)
+    told = {}
+    for arm in ("multitask-t90", "fl"):
+        runs = runs_of(facts, "", arm).values()
+        free, priced = (
+            fmean(cost_of(run, energy).total_j for run in runs) for energy in (Energy(), Energy(motion_j=10))
+        )
+        told[arm] = fmean(map(moved_motions, runs)), priced - free
+    assert [round(motions) for motions, _ in told.values()] == [6987, 3811]
+    assert round(told["multitask-t90"][0] / told["fl"][0], 2) == 1.83
+    assert [round(joules / 1e3, 1) for _, joules in told.values()] == [69.9, 38.1]
+
+
+def test_evaluation_that_nobody_counted_is_not_free(compact: list[Fact]) -> None:
+    energy = Energy(motion_j=10, forward_j=1)
+    acting, evaluating = cause_columns(energy, [cause for cause in CAUSES if cause.key in ("acting", "evaluating")])
+    assert evaluating.over(compact, "", "fl") is None
+    counted = [fact.model_copy(update={"motions": 3.0, "evaluation_motions": 2.0}) for fact in compact]
+    told = [column.over(counted, "", "fl") for column in (acting, evaluating)]
+    assert [each and each.mean for each in told] == pytest.approx([6 * 3 * 10, 6 * 2 * 11])
+
+
+def test_rounds_by_the_full_window(compact: list[Fact]) -> None:
+    def ratio(facts: list[Fact]) -> float:
+        without, with_it = (rounds_estimate(facts, arm, range(1, 7)).mean for arm in ("fl", "multitask-t90"))
+        return round(without / with_it, 2)
+
+    assert (ratio(compact), ratio(by_full_window(compact, 5))) == (2.40, 1.92)
+
+
+def test_break_even_of_the_mean_facts_with_a_free_radio(compact: list[Fact]) -> None:
+    each = compared(compact, "multitask-t90", "fl", SEEN)
+    found = each.means(Energy(ul_bit_per_j=1e15, sl_bit_per_j=1e15))
+    assert found is not None
+    assert tasks_to_pay(found) == pytest.approx(357.1, rel=1e-4)
+
+
+def test_exact_meta_gradients_at_the_measured_beta() -> None:
+    # 66 rounds of 30 + beta 30 batches of 19.706 J: beta 3.583 of one inner step, 1.837 of the last layer alone.
+    facts = read_facts(RESULTS / "compact-baselines" / "facts.csv")
+    energy = read_record(RESULTS / "compact-baselines").scenario.energy
+    for arm, beta in (("maml", 3.583), ("anil", 1.837), ("fomaml", 1.0)):
+        cost = cost_of(runs_of(facts, "", arm)[1], energy)
+        assert cost.computing_datacenter_j == pytest.approx(66 * 30 * (1 + beta) * 19.706)
 
 
 def test_shares_of_the_bill_with_transfer() -> None:

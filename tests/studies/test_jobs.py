@@ -51,7 +51,7 @@ def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path
 @pytest.mark.parametrize(
     ("overrides", "t0", "message"),
     [
-        ((), 43, "got --t0 43, expected one of those measured: 42, 66, 90, 132, 210, 240"),
+        ((), 43, "got --t0 43, expected one of the scenario's: 42, 66, 90, 132, 210, 240"),
         (('methods=["fl"]',), 0, "got methods fl, expected one with meta-learning, and fl"),
         (('methods=["maml"]',), 0, "got methods maml, expected"),
     ],

@@ -39,11 +39,11 @@ def rows_of(path: Path, **where: str) -> Rows:
 
 def test_the_paper_study_makes_its_tables_and_figures_from_facts_alone(made: Path) -> None:
     written = {path.name for path in made.iterdir()} - {FACTS, RECORD}
-    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven"}
-    figures = {"fig3", "fig4a", "fig4b", "breakeven"}
+    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven", "curves", "why"}
+    figures = {"fig3", "fig4a", "fig4b", "breakeven", "curves", "why"}
     assert written == (
         {f"{name}.csv" for name in tables}
-        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy")}
+        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy", "why")}
         | {f"{name}.{kind}" for name in figures for kind in ("png", "svg")}
     )
     assert (made / "fig4a.svg").read_text().startswith("<?xml")
@@ -219,7 +219,8 @@ def test_a_study_is_priced_again_in_another_folder(paper_results: Path, tmp_path
         (["energy.pue=2"], "results", "expected --out FOLDER"),
         (["energy.pue=2"], None, "expected --out FOLDER"),
         (["energy.pue=0"], "again", "energy.pue: .*got 0"),
-        (["energy.beta=measured"], "again", "energy.beta=measured: .*a number"),
+        (["energy.loss=0.1"], "again", "energy: got loss, idle power, .*a study keeps sums alone"),
+        (["energy.beta=measured"], "again", "beta of maml was not measured in this run"),
     ],
 )
 def test_what_cannot_be_priced_again_is_refused_and_nothing_written(
@@ -303,12 +304,13 @@ def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
     assert read_facts(tmp_path / FACTS) == facts
 
 
-def test_facts_from_before_the_processor_was_noted_are_read(tmp_path: Path) -> None:
+def test_facts_from_before_the_processor_or_motions_were_noted_are_read(tmp_path: Path) -> None:
     fact = task_fact(Arm("fl", "fl", 0), 1, 9)
     write_facts(tmp_path / FACTS, [fact.model_copy(update={"processor": "one"})])
-    before = [line.rsplit(",", 1)[0] for line in (tmp_path / FACTS).read_text().splitlines()]
-    (tmp_path / FACTS).write_text("\n".join(before) + "\n")
-    assert read_facts(tmp_path / FACTS) == [fact]
+    for columns, read in ((4, fact), (3, fact.model_copy(update={"processor": "one"}))):
+        before = [line.rsplit(",", columns)[0] for line in (tmp_path / FACTS).read_text().splitlines()]
+        (tmp_path / "before.csv").write_text("\n".join(before) + "\n")
+        assert read_facts(tmp_path / "before.csv") == [read]
 
 
 def test_facts_of_several_processors_are_told() -> None:
@@ -327,7 +329,7 @@ def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"line 2: rounds: .*got 'nine'"):
         read_facts(path)
     path.write_text(text + "1,2\n")
-    with pytest.raises(StudyError, match="line 3: 2 cells, expected 23"):
+    with pytest.raises(StudyError, match="line 3: 2 cells, expected 26"):
         read_facts(path)
     path.write_text("a,b\n")
     with pytest.raises(StudyError, match="got a,b, expected the columns variant,seed"):
