@@ -12,7 +12,7 @@ import argparse
 import statistics
 import time
 
-from jouleswarm.common.meter.joules import JouleMeter
+from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.measure import Measure

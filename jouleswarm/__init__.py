@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jouleswarm.api import Run as Run
     from jouleswarm.api import bill as bill
     from jouleswarm.api import run as run
+    from jouleswarm.common.meter.loop import Meter as Meter
     from jouleswarm.energy.literal import literal as literal
     from jouleswarm.learning.qnetwork import QNetwork as QNetwork
     from jouleswarm.methods.method import Method as Method
@@ -20,6 +21,7 @@ _HOMES = {
     "bill": "jouleswarm.api",
     "run": "jouleswarm.api",
     "Run": "jouleswarm.api",
+    "Meter": "jouleswarm.common.meter.loop",
     "Method": "jouleswarm.methods.method",
     "QNetwork": "jouleswarm.learning.qnetwork",
     "literal": "jouleswarm.energy.literal",

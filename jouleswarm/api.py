@@ -86,7 +86,7 @@ def run(
 
 
 def bill(
-    counts: str | Path | Mapping[str, Any] | Iterable[Mapping[str, Any]] | None = None,
+    counts: str | Path | Mapping[str, Any] | Iterable[str | Path | Mapping[str, Any]] | None = None,
     *,
     energy: str | Path | None = None,
     set: Mapping[str, object] = _NOTHING,
@@ -96,7 +96,8 @@ def bill(
     """The bill of an experiment of your own, as `Run.bill` has it: `bill(rounds=120, robots=10, model_bytes=2.4e6)`.
 
     Args:
-        counts: a file, or what it would hold: rows as dicts, or a dict as `what`, with the arms' own under `arms`.
+        counts: a file, files, a folder, or what they would hold: rows as dicts, or a dict as `what`, with the arms'
+            own under `arms`.
         energy: a TOML file with [energy], and [[robots]] where they differ; default the paper's Table I.
         set: energy.key -> value, changes of that.
         prices: a list's name, as `energy.prices` has it, or a list itself; default the first of `energy.prices`.

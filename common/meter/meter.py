@@ -12,7 +12,8 @@ from typing import Literal, Self, cast
 from pydantic import BaseModel, ConfigDict, Field
 
 from jouleswarm.common.meter.counters import Cell, Counters, Key, read_counters
-from jouleswarm.common.meter.joules import JOULES, Clock, JouleMeter, JoulesRow, joules_rows
+from jouleswarm.common.meter.joule_meter import JOULES, Clock, JouleMeter
+from jouleswarm.common.meter.joules import JoulesRow, joules_rows
 from jouleswarm.common.meter.power import gpu, processor, told
 from jouleswarm.common.meter.work import EVALUATION, WORK, Phase, Tally, WorkRow, work_keys, work_rows
 from jouleswarm.common.scenario.measure import Measure

@@ -10,15 +10,24 @@ import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from jouleswarm.common.scenario.measure import Measure
+if TYPE_CHECKING:
+    from jouleswarm.common.scenario.measure import Measure
 
 log = logging.getLogger("jouleswarm.meter")
 
 POWERCAP, STAT = Path("/sys/class/powercap"), Path("/proc/stat")
 RAPL, NVML = "rapl", "nvml"
 _IDLE = slice(3, 5)  # idle and iowait of /proc/stat's first line (proc(5)); after the eighth, guests are in user too
+
+
+class Rated(NamedTuple):
+    """What the estimate needs to know, as `Measure` has it."""
+
+    tdp_w: float = 85.0
+    share: float = 1.0
+    cores: int | None = None
 
 
 class Processor(Protocol):
@@ -33,7 +42,7 @@ class Processor(Protocol):
 class Estimate:
     """CPU time x the share of TDP that a core has: no counter, and no watt for waiting."""
 
-    def __init__(self, settings: Measure) -> None:
+    def __init__(self, settings: Measure | Rated) -> None:
         self.watts = settings.tdp_w * settings.share / (settings.cores or os.cpu_count() or 1)
         self.how = f"estimated: CPU time x {self.watts:.4g} W"
 
@@ -104,7 +113,7 @@ class Nvml:
         return float(self._drawn_mj - before) * 1e-3
 
 
-def processor(settings: Measure) -> Processor:
+def processor(settings: Measure | Rated) -> Processor:
     """RAPL where it can be read, else the estimate."""
     try:
         return Rapl()

@@ -12,7 +12,9 @@ from jouleswarm.cli.options import EnergyOption
 
 
 def bill(
-    counts: Annotated[Path | None, typer.Argument(help="CSV, TOML or JSON: what was done.")] = None,
+    counts: Annotated[
+        list[Path] | None, typer.Argument(help="CSV, TOML or JSON: what was done; several, or a folder, are merged.")
+    ] = None,
     energy: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="A TOML file with [energy], and [[robots]]; default: the paper's Table I."),
@@ -43,7 +45,7 @@ def bill(
     if example:
         print(example_file(), end="")
         return
-    if counts is None:
+    if not counts:
         raise typer.BadParameter("expected a file of counts, or --example")
     found = calculate(counts, energy, set_ or ())
     if as_json:

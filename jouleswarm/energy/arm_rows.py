@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from jouleswarm.energy.facts import STAGE, Phase
@@ -20,6 +21,12 @@ class ArmRows:
         self.tasks = sorted(tasks) or [1]
         self.has_clusters = any(row.what in ("model_bytes", "batches", "robots") for row in mine)
         self.clusters: dict[int, list[int]] = {}
+        labels = {
+            (row.task, row.robot, row.round) for row in self.counted if row.round is not None and row.phase == "fl"
+        }
+        self._labelled: dict[int | None, int] = {}
+        for (task, _), count in Counter(label[:2] for label in labels).items():
+            self._labelled[task] = max(count, self._labelled.get(task, 0))
         first = 1
         for task in self.tasks:
             self.clusters[task] = list(range(first, first := first + int(self.of("robots", task) or 1)))
@@ -32,6 +39,12 @@ class ArmRows:
         """The same; None where it is not."""
         places = ((self.name, task), (self.name, None), ("", task), ("", None))
         return next((found for arm, at in places if (found := self._given.get((arm, at, what))) is not None), None)
+
+    def rounds(self, task: int | None) -> float:
+        """t_i as it is told; else the most rounds that a robot's counts are labelled with."""
+        told = self.told("rounds", task)
+        own = (count for of, count in self._labelled.items() if task is None or of in (None, task))
+        return max(own, default=0) if told is None else told
 
     @property
     def robots(self) -> list[int]:

@@ -18,6 +18,7 @@ from jouleswarm.energy.rows import Row
 
 ALONE = "experiment"
 """The arm where none is named."""
+_DONE = ("plain", "exact", "motions", "evaluation_motions")
 _LINKS = {"uplink": Link.UPLINK, "downlink": Link.DOWNLINK, "sidelink": Link.SIDELINK}
 
 
@@ -57,7 +58,7 @@ def _facts(arm: ArmRows, by_robot: bool) -> Facts:
         raise ConfigurationError(f"arm {arm.name}: {lacking}")
     for row in arm.counted:
         _check(arm, row, by_robot)
-    work = [*_closed_work(arm), *_counted_work(arm)]
+    work = _by_place([*_closed_work(arm), *_counted_work(arm)])
     closed, sent = _closed_flows(arm, by_robot)
     flows, known = [*closed, *_counted_flows(arm, delivered=True)], [*sent, *_counted_flows(arm, delivered=False)]
     training = arm.told("training_robots")
@@ -66,7 +67,7 @@ def _facts(arm: ArmRows, by_robot: bool) -> Facts:
         method="maml" if arm.of("t0") else "fl",
         t0=arm.of("t0"),
         parts=_parts(work, flows, known),
-        rounds={task: arm.of("rounds", task) for task in arm.tasks},
+        rounds={task: arm.rounds(task) for task in arm.tasks},
         robots={task: len(cluster) for task, cluster in arm.clusters.items()},
         links={task: int(arm.of("links", task)) for task in arm.tasks},
         training_robots=int(training) if training and arm.of("t0") else None,
@@ -171,7 +172,7 @@ def _edges(arm: ArmRows, cluster: Sequence[int], links: int, by_robot: bool) -> 
 def _counted_work(arm: ArmRows) -> Iterator[Work]:
     """Gradients and motions as they were counted."""
     for row in arm.counted:
-        place: dict[str, float] = dict.fromkeys(("plain", "exact", "motions", "evaluation_motions"), 0.0)
+        place: dict[str, float] = dict.fromkeys(_DONE, 0.0)
         name = {"gradients": "plain", "query_gradients": "exact"}.get(row.what, row.what)
         if name not in place:
             continue
@@ -179,8 +180,19 @@ def _counted_work(arm: ArmRows) -> Iterator[Work]:
         who = [row.robot] if row.robot is not None else [0] if of_center else arm.cluster(row.task)
         for robot in who:
             found = place | {name: row.value / len(who)}
-            rounds = arm.of("rounds", row.task) if row.phase == "fl" else arm.of("t0")
+            rounds = arm.rounds(row.task) if row.phase == "fl" else arm.of("t0")
             yield Work(row.phase, arm.place(row), robot, seconds=0.0, rounds=rounds, **found)
+
+
+def _by_place(work: Iterable[Work]) -> list[Work]:
+    """Work of several rows as one: each has the rounds of the whole."""
+    sums: dict[tuple[Phase, int, int], Work] = {}
+    for each in work:
+        if (held := sums.get(each[:3])) is not None:
+            done = {name: getattr(held, name) + getattr(each, name) for name in _DONE}
+            each = held._replace(rounds=max(held.rounds, each.rounds), **done)
+        sums[each[:3]] = each
+    return list(sums.values())
 
 
 def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
@@ -188,6 +200,7 @@ def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
     where none are told."""
     rows = [row for row in arm.counted if row.what.endswith(("_bytes", "_messages"))]
     told = {row.phase for row in rows if row.what == "sidelink_sent_bytes"}
+    beside = {(row.what, row.phase, row.task, row.robot, row.to) for row in rows}
     sums: dict[tuple[Phase, int, str, int | None, int | None], list[float]] = {}
     for row in rows:
         link, kind = row.what.split("_")[0], row.what.split("_", 1)[1]
@@ -196,7 +209,7 @@ def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
             continue
         found = sums.setdefault((row.phase, arm.place(row), link, row.robot, row.to), [0.0, 0.0])
         found[kind.endswith("bytes")] += row.value
-        if kind == "messages" and not any(_beside(row, other) for other in rows):
+        if kind == "messages" and (f"{link}_bytes", row.phase, row.task, row.robot, row.to) not in beside:
             raise ConfigurationError(f"{row.where}: {row.what} without {link}_bytes of the same, expected both")
     for (phase, task, link, robot, to), (messages, payload) in sums.items():
         who = [robot] if robot is not None else arm.cluster(task or None)
@@ -204,14 +217,6 @@ def _counted_flows(arm: ArmRows, *, delivered: bool) -> Iterator[Flow]:
             other = to or (who[(place + 1) % len(who)] if len(who) > 1 else one + 1)
             ends = {"uplink": (one, 0), "downlink": (0, one), "sidelink": (one, other if delivered else None)}[link]
             yield _flow(phase, task, link, *ends, messages / len(who), payload / len(who))
-
-
-def _beside(row: Row, other: Row) -> bool:
-    """Whether two rows tell messages and bytes of the same."""
-    wanted = row.what.replace("_messages", "_bytes")
-    return other.what == wanted and all(
-        getattr(row, key) == getattr(other, key) for key in ("phase", "task", "robot", "to")
-    )
 
 
 def _flow(

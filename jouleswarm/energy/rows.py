@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +15,7 @@ from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.links import DATA_CENTER
 from jouleswarm.common.scenario.sections import Section
 from jouleswarm.common.scenario.tables import first_error, table_lines
+from jouleswarm.energy.named import with_numbers
 
 SETTINGS = {
     "rounds": "rounds until the task was learned, t_i; 0 is allowed",
@@ -44,8 +45,10 @@ COUNTS = {
     "sidelink_messages": "the same",
 }
 """What was counted; it comes before what is worked out. Counts of several rows add up."""
+MEASURED = ("seconds", "cpu_s", "joules")
+"""What was measured beside it, by `activity`, joules with `how`: told, and never in a bill."""
 _WHOLE = ("robots", "links", "training_robots")
-_MAY_BE_NOTHING = ("rounds", "links", "t0")
+_MAY_BE_NOTHING = ("rounds", "links", "t0", *MEASURED)
 _OF_STAGE = ("training_robots", "experience_bytes", "support_batches", "query_batches")
 NEEDED = ("what", "value")
 _EXAMPLE = """arm,task,what,value
@@ -66,6 +69,8 @@ def _number(cell: object) -> object:
     return DATA_CENTER if cell == "datacenter" else cell
 
 
+_Found = tuple[str, Any]
+"""(where it stands, the cells of a row)."""
 _Node = Annotated[int, BeforeValidator(_number), Field(ge=0, le=1_000_000)]
 
 
@@ -82,13 +87,19 @@ class Row(Section):
     to: _Node | None = None
     what: str
     value: float = Field(ge=0, le=1e24)
+    end: Literal["", "sent", "received"] = ""
+    """Of bytes and messages: which end of the link counted; what both ends tell counts once."""
+    activity: str = Field("", max_length=100)
+    """What the process did meanwhile; for who reads it, as is the round."""
+    round: int | None = None
+    how: str = Field("", max_length=100)
     where: str = ""
     """In errors."""
 
     @field_validator("what")
     @classmethod
     def _is_known(cls, what: str) -> str:
-        if what not in (*SETTINGS, *COUNTS):
+        if what not in (*SETTINGS, *COUNTS, *MEASURED):
             close = difflib.get_close_matches(what, [*SETTINGS, *COUNTS], 1)
             hint = f"did you mean {close[0]}?" if close else f"expected one of {', '.join((*SETTINGS, *COUNTS))}"
             raise ValueError(hint)
@@ -108,7 +119,7 @@ class Row(Section):
             raise ValueError(f"{self.what} with a task, expected none: it is for all tasks together")
         if self.to is not None and not self.what.startswith("sidelink"):
             raise ValueError(f"{self.what} with a receiver, expected one with sidelinks only")
-        if self.robot == DATA_CENTER and self.what not in ("gradients", "query_gradients"):
+        if self.robot == DATA_CENTER and self.what not in ("gradients", "query_gradients", *MEASURED):
             raise ValueError(f"{self.what} of the data center, expected a robot's number, or nothing")
         return self
 
@@ -120,27 +131,50 @@ def example() -> str:
     return "\n".join([head, "# be added, for what was counted of one of them. what is one of:", *told, _EXAMPLE])
 
 
-def read_rows(given: str | Path | Mapping[str, Any] | Iterable[Mapping[str, Any]]) -> list[Row]:
-    """Rows out of a CSV file, a TOML or JSON file, or the same as plain data.
+def read_rows(given: Any) -> list[Row]:
+    """Rows out of CSV, TOML or JSON files, or the same as plain data; of a folder all its CSV files. Several files are
+    one experiment.
 
     A table is `{what: value, ...}`, where a value may be `{task: value}`, and `arms` names more such tables, which are
-    those arms' own; a list is one of rows. CSV has columns what and value, and may have arm, phase, task, robot, to.
+    those arms' own; a list is one of rows. CSV has columns what and value, and may have the others of `Row`. Robots may
+    have names (see `named.with_numbers`).
+
+    Args:
+        given: a path or paths, a mapping, or rows as mappings.
 
     Raises:
         ConfigurationError: one line that says what is wrong and where.
     """
-    held: Any = given
-    if isinstance(given, str | Path):
-        path = Path(given)
-        if path.suffix not in (".toml", ".json"):
-            rows = [_row(cells, f"{path}, line {number}") for number, cells in table_lines(path, "counts", NEEDED)]
-            return _once(rows, str(path))
-        held, where = _document(path), str(path)
+    sources: list[Any] = [given] if isinstance(given, str | Path | Mapping) else list(given)
+    where, found = "counts", list[_Found]()
+    if sources and all(isinstance(each, str | Path) for each in sources):
+        where = ", ".join(map(str, sources))
+        found = [one for each in sources for path in _files(Path(each)) for one in _of_file(path)]
     else:
-        where = "counts"
+        found = list(_of_document(given if isinstance(given, Mapping) else sources, where))
+    for place, cells in found:
+        if not isinstance(cells, Mapping):
+            raise ConfigurationError(f"{place}: got {type(cells).__name__}, expected a row of what and value")
+    numbered = with_numbers([cells for _, cells in found])
+    return _once([_row(cells, place) for (place, _), cells in zip(found, numbered, strict=True)], where)
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(path.glob("*.csv")) if path.is_dir() else [path]
+
+
+def _of_file(path: Path) -> Iterator[_Found]:
+    if path.suffix in (".toml", ".json"):
+        yield from _of_document(_document(path), str(path))
+    else:
+        yield from ((f"{path}, line {number}", cells) for number, cells in table_lines(path, "counts", NEEDED))
+
+
+def _of_document(held: Any, where: str) -> Iterator[_Found]:
     if isinstance(held, Mapping):
-        return _once([_row(cells, f"{where}, {'.'.join(place)}") for place, cells in _flat(held, where)], where)
-    return _once([_row(cells, f"{where}, row {number}") for number, cells in enumerate(held, start=1)], where)
+        yield from ((f"{where}, {'.'.join(place)}", cells) for place, cells in _flat(held, where))
+    else:
+        yield from ((f"{where}, row {number}", cells) for number, cells in enumerate(held, start=1))
 
 
 def _document(path: Path) -> Any:
@@ -178,7 +212,7 @@ def _row(cells: object, where: str) -> Row:
 
 
 def _once(rows: list[Row], where: str) -> list[Row]:
-    """Rows, some at least, and each setting once."""
+    """Rows, some at least, each setting once, and of what both ends of a link have counted the receiver's."""
     if not rows:
         raise ConfigurationError(f"{where}: no rows, expected some; `jouleswarm bill --example` prints a file")
     seen: dict[tuple[str, int | None, str], Row] = {}
@@ -186,4 +220,9 @@ def _once(rows: list[Row], where: str) -> list[Row]:
         first = seen.setdefault((row.arm, row.task, row.what), row)
         if first is not row and row.what in SETTINGS:
             raise ConfigurationError(f"{row.where}: {row.what} stands in {first.where} already, expected it once")
-    return rows
+    received = {_flow(row) for row in rows if row.end == "received"}
+    return [row for row in rows if row.end != "sent" or _flow(row) not in received]
+
+
+def _flow(row: Row) -> tuple[object, ...]:
+    return row.arm, row.phase, row.what, row.robot, row.to

@@ -15,14 +15,15 @@ from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.tariff import Tariff, read_tariff
 from jouleswarm.energy.bill import SITES, Bill, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.breakeven import savings, tasks_to_pay
-from jouleswarm.energy.calculator import facts_of, robots_of, seen_of
+from jouleswarm.energy.calculator import ALONE, facts_of, robots_of, seen_of
 from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.metered import Measured, measured
 from jouleswarm.energy.prices import PriceList, price, price_lists, with_beta
 from jouleswarm.energy.published import published
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.report.format import grams_text, joules_text
-from jouleswarm.report.table import Table, show
+from jouleswarm.report.table import Cell, Table, show
 from jouleswarm.report.times import times_tables
 from jouleswarm.report.why import ranges_tables
 from jouleswarm.runs.seconds import seconds_parts
@@ -41,6 +42,9 @@ class Calculated:
 
     seen: Mapping[str, Sequence[int]]
     """Arm -> tasks that its stage before was learned from."""
+
+    measured: Sequence[Measured] = ()
+    """Beside the bills, and never in them."""
 
     @property
     def break_even_tasks(self) -> Iterator[tuple[PriceList, str, str, float]]:
@@ -66,7 +70,7 @@ def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Overrid
     facts = facts_of(rows, by_robot=tariff.is_by_robot)
     bills = {each: {arm: price(each, one, tariff.energy) for arm, one in facts.items()} for each in price_lists(tariff)}
     told = {each: held for each, held in bills.items() if any(held.values())}
-    return Calculated(tariff, facts, told, {arm: seen_of(rows, arm) for arm in facts})
+    return Calculated(tariff, facts, told, {arm: seen_of(rows, arm) for arm in facts}, measured(rows))
 
 
 def print_calculated(found: Calculated, console: Console | None = None) -> None:
@@ -101,7 +105,8 @@ def document(found: Calculated) -> dict[str, Any]:
     for prices, arm, other, tasks in found.break_even_tasks:
         even.setdefault(prices.name, {}).setdefault(arm, {})[other] = tasks if math.isfinite(tasks) else None
     constants = found.tariff.energy.model_dump(mode="json", exclude_defaults=True)
-    return {"energy": constants, "arms": arms, "break_even_tasks": even}
+    beside = {"measured": [each._asdict() for each in found.measured]} if found.measured else {}
+    return {"energy": constants, "arms": arms, "break_even_tasks": even, **beside}
 
 
 def _tables(found: Calculated) -> Iterator[Table]:
@@ -126,3 +131,19 @@ def _tables(found: Calculated) -> Iterator[Table]:
         if tells:
             yield Table(f"{title}: by cause", ["arm", *(cause.heading for cause in causes)], spent)
     yield from times_tables(found.facts, {arm: arm for arm in found.facts}, found.tariff.energy)
+    if found.measured:
+        yield _measured_table(found.measured)
+
+
+def _measured_table(rows: Sequence[Measured]) -> Table:
+    hows = list(dict.fromkeys(how for row in rows for how in row.joules))
+    cells: list[list[Cell]] = [
+        [
+            f"{row.arm or ALONE}, {SITES[row.site]}: {row.activity or 'all else'}",
+            *(row.seconds, row.cpu_s),
+            *(joules_text(row.joules.get(how)) for how in hows),
+        ]
+        for row in rows
+    ]
+    headings = ["arm, site: activity", "seconds", "CPU seconds", *(f"joules, {how}" for how in hows)]
+    return Table("Measured beside it, in no bill", headings, cells)

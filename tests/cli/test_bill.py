@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jouleswarm import bill
+from jouleswarm import Meter, bill
 from jouleswarm.cli import main as cli
 from jouleswarm.common.errors import ConfigurationError
 
@@ -30,6 +30,23 @@ def test_table_ii_in_fig_4_out(
     arms = json.loads(capsys.readouterr().out)["arms"]
     assert arms["MAML t0=42"]["energy_j"]["published"]["total"] == pytest.approx(106_301.25)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fig4a.png", "fig4a.svg", "fig4b.png", "fig4b.svg"]
+
+
+def test_files_and_folders_are_one_experiment(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for number in (1, 2):
+        meter = Meter(f"client-{number}", file=tmp_path / f"{number}.csv")
+        with meter.phase("train"):
+            meter.gradients(50)
+        meter.close()
+    files = sorted(map(str, tmp_path.glob("*.csv")))
+    for given in ([str(tmp_path)], files):
+        assert called(monkeypatch, "bill", *given) == 0
+        out = capsys.readouterr().out
+        assert "204 J" in out  # 2 x 50 x 2.04 J
+        assert "Measured beside it, in no bill" in out
+        assert "experiment, robots: train" in out
 
 
 def test_what_can_not_be_is_one_line_and_exit_code_2(

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jouleswarm.common.meter.joules import JouleMeter
+from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.meter import Meter, read_joules
 from jouleswarm.common.meter.power import Estimate, Rapl, gpu, told
 from jouleswarm.common.scenario.measure import Measure
