@@ -27,9 +27,9 @@ PHASE_OF = {RowPhase.ML: "meta-learning", RowPhase.FL: "federated"}
 
 # At most, from the beginning of a phase or the last recovery to the next fault. Of what a phase has left of its rows
 # half pass at most, so that a fast machine is not through with it before the fault.
-_DELAY_S = {"starting": 1.0, "meta-learning": 1.0, "federated": 2.0, "leaving": 0.1}
+_DELAY_S = {"starting": 0.5, "meta-learning": 1.0, "federated": 2.0, "leaving": 0.1}
 _SHARE_OF_ROWS = 0.5
-_TICK_S, _LATE_TICK_S = 0.2, 0.01
+_TICK_S, _BRIEF_TICK_S = 0.2, 0.01
 _LATE = 0.25  # so much of the rows is left from where processes may leave at any moment
 
 
@@ -72,8 +72,9 @@ class Chaos:
 
     @property
     def tick_s(self) -> float:
-        """Leaving takes a moment only, which must not be missed."""
-        return _LATE_TICK_S if self._left <= _LATE * sum(self.rows_in.values()) else _TICK_S
+        """Starting and leaving take a moment only, which must not be missed."""
+        is_brief = not self._rows or self._left <= _LATE * sum(self.rows_in.values())
+        return _BRIEF_TICK_S if is_brief else _TICK_S
 
     @property
     def _left(self) -> int:
