@@ -8,12 +8,12 @@ from pathlib import Path
 import networkx as nx
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.tables import table_text
 
 Edges = dict[int, tuple[tuple[int, int], ...]]
 """Task -> its cluster's pairs of robots, each pair once."""
 
 _HEADS = (("robot", "neighbour"), ("place", "neighbour"))
-_MOST_BYTES = 16 * 2**20
 
 
 def read_edges(path: Path, clusters: Mapping[int, Sequence[int]]) -> Edges:
@@ -67,12 +67,7 @@ def _check_joined(path: Path, task: int, cluster: Sequence[int], pairs: Mapping[
 
 
 def _lines(path: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigurationError(f"federation.topology {path}: over {_MOST_BYTES} bytes, expected a list of pairs")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"federation.topology {path}: cannot be read ({error})") from error
+    text = table_text(path, "federation.topology", "a list of pairs")
     for number, line in enumerate(text.splitlines(), start=1):
         if said := line.partition("#")[0].strip():
             yield number, tuple(word.strip() for word in said.split(","))

@@ -13,6 +13,20 @@ from jouleswarm.common.errors import ConfigurationError
 _MOST_BYTES = 16 * 2**20
 
 
+def table_text(path: Path, what: str, expected: str) -> str:
+    """A user's file, whole, without a byte-order mark.
+
+    Raises:
+        ConfigurationError: it is too large for what is `expected`, or cannot be read; `what` names it.
+    """
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ConfigurationError(f"{what} {path}: over {_MOST_BYTES} bytes, expected {expected}")
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{what} {path}: cannot be read ({error})") from error
+
+
 def table_lines(path: Path, what: str, needed: tuple[str, ...]) -> Iterator[tuple[int, dict[str, str]]]:
     """(line number, column -> cell) of each line after the first; empty cells and lines, and those that begin with #,
     are left out.
@@ -20,13 +34,8 @@ def table_lines(path: Path, what: str, needed: tuple[str, ...]) -> Iterator[tupl
     Raises:
         ConfigurationError: it cannot be read, or its first line lacks a column of `needed`; `what` names it.
     """
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigurationError(f"{what} {path}: over {_MOST_BYTES} bytes, expected a table of {what}")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{what} {path}: cannot be read ({error})") from error
-    reader = csv.reader("" if line.lstrip().startswith("#") else line for line in text.splitlines())
+    lines = table_text(path, what, f"a table of {what}").splitlines()
+    reader = csv.reader("" if line.lstrip().startswith("#") else line for line in lines)
     head: list[str] = []
     try:
         for row in reader:

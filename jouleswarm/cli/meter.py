@@ -45,6 +45,8 @@ def proxy(
     Bytes are passed on as they come, and only counted: a stream that is not MQTT goes through as it is, and is counted
     as such. What no rule matches is counted as `other`. docs/meter.md has all that a rule can say.
     """
+    import asyncio
+
     from rich.console import Console
 
     from jouleswarm.common.bus.address import parse_url
@@ -54,7 +56,7 @@ def proxy(
     from jouleswarm.metering.tally import Tally
     from jouleswarm.metering.written import unmatched
     from jouleswarm.report.metered import metered_table
-    from jouleswarm.report.table import terminal
+    from jouleswarm.report.table import show
 
     where, broker, rules = parse_listen(listen), without_user(parse_url(to)), read_rules(links)
     made = Proxy(broker, Tally(), server_tls(cert, key), client_tls(broker, ca))
@@ -63,9 +65,9 @@ def proxy(
     def tell(port: int) -> None:
         typer.echo(f"listening on {where[0] or ''}:{port} for {broker}; Ctrl-C ends, counts go to {folder}")
 
-    rows = serve(made, where, folder, rules, tell)
+    rows = asyncio.run(serve(made, where, folder, rules, tell))
     never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
-    Console().print(terminal(metered_table(rows, never)))
+    show(metered_table(rows, never), Console())
     typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")
 
 

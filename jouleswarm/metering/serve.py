@@ -53,7 +53,7 @@ def make_folder(out: Path, name: str | None, links: Path) -> Path:
     return folder
 
 
-def serve(
+async def serve(
     proxy: Proxy,
     listen: tuple[str | None, int],
     folder: Path,
@@ -65,16 +65,6 @@ def serve(
     Raises:
         RunError: it can't listen, or can't write.
     """
-    return asyncio.run(_serve(proxy, listen, folder, rules, on_listening))
-
-
-async def _serve(
-    proxy: Proxy,
-    listen: tuple[str | None, int],
-    folder: Path,
-    rules: Sequence[Rule],
-    on_listening: Callable[[int], None],
-) -> list[Row]:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it

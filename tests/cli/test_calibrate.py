@@ -46,7 +46,7 @@ def test_both_roles_write_into_one_file_that_prices_a_scenario(calibrate: Call, 
     assert "pue = 1.2  # mine" in file.read_text()
     energy = load_scenario("toy", [*energy_file(file), "energy.pue=1.5"]).energy
     assert (energy.pue, energy.tk_batch_s, energy.beta) == (1.5, held["tk_batch_s"], held["beta"])
-    assert 0 < held["tk_batch_s"] < 10
+    assert held["tk_batch_s"] > 0
     assert held["beta"] >= 1
 
 
