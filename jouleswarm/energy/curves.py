@@ -6,21 +6,19 @@ round has the same part; what goes down to robots before the first round is part
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from jouleswarm.energy.facts import Counts, Facts, Flow, Phase, Work
-
-Total = Callable[[Facts], float]
-"""Joules of an arm, by whatever price list."""
 
 
 class Point(NamedTuple):
     """An arm after a round."""
 
     round: int
-    spent: float
+    facts: Facts
+    """What had been done by then."""
     learned: tuple[int, ...]
     """Tasks."""
 
@@ -46,27 +44,20 @@ def until(facts: Facts, round_: float) -> Facts:
     )
 
 
-def curve(facts: Facts, learned: Mapping[int, bool], total: Total) -> Iterator[Point]:
+def curve(facts: Facts, learned: Mapping[int, bool]) -> Iterator[Point]:
     """An arm after round 0, which is the stage alone, 1, 2 and so on until its last cluster is done.
 
     Args:
-        facts: of the arm; total and rounds by task are known.
+        facts: of the arm; rounds by task are known.
         learned: task -> whether it was learned in the rounds that it took.
-        total: joules, bits, gradients, ... of facts.
     """
     for round_ in range(int(max(facts.rounds.values(), default=0)) + 1):
-        yield Point(round_, total(until(facts, round_)), learned_by(facts, learned, round_))
+        yield Point(round_, until(facts, round_), _learned_by(facts, learned, round_))
 
 
-def learned_by(facts: Facts, learned: Mapping[int, bool], round_: int) -> tuple[int, ...]:
+def _learned_by(facts: Facts, learned: Mapping[int, bool], round_: int) -> tuple[int, ...]:
     """Tasks that were learned in so many rounds."""
     return tuple(task for task, took in facts.rounds.items() if learned[task] and took <= round_)
-
-
-def within(points: list[Point], budget: float) -> Point | None:
-    """The last point that a budget reaches; None where it does not even pay for the stage."""
-    reached = [point for point in points if point.spent <= budget]
-    return reached[-1] if reached else None
 
 
 def _flow(flow: Flow, part: float) -> Flow:

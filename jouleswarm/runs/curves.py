@@ -10,7 +10,7 @@ import pandas as pd
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.energy.curves import learned_by, until
+from jouleswarm.energy.curves import curve
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
@@ -51,9 +51,7 @@ def _rows(run: Run, arm: str, energy: Energy, prices: PriceList) -> Iterator[lis
     facts = run.facts[arm]
     learned = {result.task: result.learned for result in run.results[arm]}
     rewards = _rewards(run, arm)
-    for round_ in range(int(max(facts.rounds.values(), default=0)) + 1):
-        here = until(facts, round_)
-        done = learned_by(facts, learned, round_)
+    for round_, here, done in curve(facts, learned):
         told = [
             reward for task in rewards if (reward := rewards[task].get(min(round_, max(rewards[task])))) is not None
         ]

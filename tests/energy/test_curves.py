@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+import pandas as pd
 
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.energy.curves import Point, curve, until, within
+from jouleswarm.energy.curves import curve, until
 from jouleswarm.energy.facts import STAGE, Counts, Facts, Flow, Work
+from jouleswarm.runs.curves import within
 
 # A stage of 100 bytes up; task 1 takes 2 rounds of 5 gradients, task 2 four of 10, task 3 is not learned in 4.
 FACTS = Facts(
@@ -33,21 +34,24 @@ def _total(facts: Facts) -> float:
 
 
 def test_clusters_learn_side_by_side_after_the_stage() -> None:
-    assert list(curve(FACTS, LEARNED, _total)) == [
-        Point(0, 100, ()),
-        Point(1, 100 + 5 + 10 + 2, ()),
-        Point(2, 100 + 10 + 20 + 4, (1,)),
-        Point(3, 100 + 10 + 30 + 6, (1,)),
-        Point(4, 158, (1, 2)),
+    assert [(point.round, _total(point.facts), point.learned) for point in curve(FACTS, LEARNED)] == [
+        (0, 100, ()),
+        (1, 100 + 5 + 10 + 2, ()),
+        (2, 100 + 10 + 20 + 4, (1,)),
+        (3, 100 + 10 + 30 + 6, (1,)),
+        (4, 158, (1, 2)),
     ]
 
 
 def test_a_budget_reaches_the_last_round_that_it_pays_for() -> None:
-    points = list(curve(FACTS, LEARNED, _total))
-    assert within(points, 99) is None
-    assert within(points, 116.9) == points[0]
-    assert within(points, 134) == points[2]
-    assert within(points, 1e6) == points[4]
+    rows = [("maml", point.round, _total(point.facts)) for point in curve(FACTS, LEARNED)]
+    points = pd.DataFrame(rows, columns=["arm", "round", "joules"])
+
+    def reached(budget: float) -> int | None:
+        last = within(points, budget)["maml"]
+        return None if last is None else int(last["round"])
+
+    assert [reached(budget) for budget in (99, 116.9, 134, 1e6)] == [None, 0, 2, 4]
 
 
 def test_flows_and_work_are_cut_with_their_task_and_the_stage_stays_whole() -> None:
@@ -60,4 +64,5 @@ def test_flows_and_work_are_cut_with_their_task_and_the_stage_stays_whole() -> N
 
 def test_a_task_that_took_no_round_is_learned_from_the_start() -> None:
     facts = Facts("a", "fl", 0, parts={("fl", 1): Counts()}, rounds={1: 0})
-    assert list(curve(facts, {1: True}, _total)) == [Point(0, pytest.approx(0), (1,))]
+    (point,) = curve(facts, {1: True})
+    assert (point.round, _total(point.facts), point.learned) == (0, 0, (1,))

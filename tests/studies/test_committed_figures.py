@@ -57,9 +57,10 @@ def test_what_had_been_learned_after_so_many_rounds(compact: list[Fact]) -> None
     parts: dict[tuple[Phase, int], Counts] = {("fl", task): fact.counts for task, fact in mine.items()}
     facts = Facts("fl", "fl", 0, parts, {task: fact.rounds for task, fact in mine.items()})
     learned = {task: fact.learned for task, fact in mine.items()}
-    points = list(curve(facts, learned, lambda here: literal.price(here, Energy()).total_j))
-    assert points[1].spent / 6 == pytest.approx(100.866, rel=1e-5)  # a cluster's round
-    assert points[-1].spent == pytest.approx(8170.1, rel=1e-5)  # 81 of them
+    points = list(curve(facts, learned))
+    spent = [literal.price(point.facts, Energy()).total_j for point in points]
+    assert spent[1] / 6 == pytest.approx(100.866, rel=1e-5)  # a cluster's round
+    assert spent[-1] == pytest.approx(8170.1, rel=1e-5)  # 81 of them
     assert [len(points[round_].learned) for round_ in (7, 8, 12, 18, 19)] == [0, 1, 3, 5, 6]
 
 
