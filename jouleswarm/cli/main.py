@@ -10,6 +10,7 @@ from jouleswarm.cli.chaos import chaos
 from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.keys import keys
 from jouleswarm.cli.meter import meter
+from jouleswarm.cli.page import page
 from jouleswarm.cli.report import audit, report
 from jouleswarm.cli.run import record, run, validate
 from jouleswarm.cli.study import study
@@ -21,7 +22,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="What does a learning scheme cost in joules and bits? Runs it over a real MQTT bus and presents the bill.",
 )
-for command in (run, validate, record, report, bill, calibrate, chaos, audit):
+for command in (run, validate, record, report, page, bill, calibrate, chaos, audit):
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(meter, name="meter")

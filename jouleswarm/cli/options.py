@@ -61,6 +61,9 @@ KeepState = Annotated[
     bool,
     typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
 ]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser too, on this machine alone; stays until Ctrl-C.")
+]
 
 
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:

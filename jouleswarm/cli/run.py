@@ -21,6 +21,7 @@ from jouleswarm.cli.options import (
     RunId,
     ScenarioFile,
     Seed,
+    ShowPage,
     overrides,
 )
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
@@ -58,6 +59,7 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    page: ShowPage = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -67,6 +69,7 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
+    from jouleswarm.page.beside import page_beside
     from jouleswarm.report.view import View
 
     started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
@@ -82,11 +85,14 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures)
+        with page_beside(resume, wanted=page):
+            _present(resume_deployment(resume, Console(), started, more), figures)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
+    name = run_id or new_run_id(settings)
+    with page_beside(out / name, wanted=page):
+        _present(run_deployment(settings, name, out, Console(), started), figures)
 
 
 def validate(

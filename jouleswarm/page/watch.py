@@ -1,0 +1,47 @@
+"""What all open pages look at: the newest of the source, looked for in a thread beside them."""
+
+from __future__ import annotations
+
+import html
+import logging
+import threading
+
+from jouleswarm.common.errors import JouleSwarmError
+from jouleswarm.page.model import Shown
+from jouleswarm.page.source import Source
+
+_EVERY_S = 0.5
+
+log = logging.getLogger("jouleswarm.page")
+
+
+class Watch:
+    """Context manager: the thread ends with it."""
+
+    def __init__(self, source: Source, where: str) -> None:
+        """`where`: the run, as `jouleswarm report` takes it."""
+        self._source, self.where = source, where
+        self.title = source.title
+        self.shown: Shown | None = None
+        self.trouble = ""
+        """Why there is nothing new, as HTML."""
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._look_again, name="page", daemon=True)
+
+    def __enter__(self) -> Watch:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _look_again(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self.shown, self.trouble = self._source.look(), ""
+            except (JouleSwarmError, OSError) as error:
+                if not self.trouble:
+                    log.warning("%s", error)
+                self.trouble = f'<p class="answer">{html.escape(str(error))}</p>'
+            self._ended.wait(_EVERY_S)
