@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from jouleswarm.cli.options import RunId, Seed, overrides
+from jouleswarm.common.options import KeysOption, SetOption
+
+if TYPE_CHECKING:
+    from jouleswarm.page.source import Source
+
 
 def page(
-    run_directory: Annotated[Path, typer.Argument(help="A run directory: finished, or of a run that goes on.")],
+    run: Annotated[Path, typer.Argument(help="A run directory, finished or growing; with --broker the scenario.")],
+    broker: Annotated[
+        str | None,
+        typer.Option(help="Listen to a deployment elsewhere on its broker (mqtt://...), not to a directory."),
+    ] = None,
+    run_id: RunId = None,
+    keys: KeysOption = None,
+    seed: Seed = None,
+    set_: SetOption = None,
     listen: Annotated[
         str, typer.Option(help="Address to listen on; where others can come only with the token that is printed.")
     ] = "127.0.0.1",
@@ -18,14 +32,28 @@ def page(
     ] = None,
 ) -> None:
     """Show a run in the browser, while it goes on or afterwards. Ctrl-C ends the page, never the run."""
-    from jouleswarm.common.errors import ConfigurationError
     from jouleswarm.page.serve import check_installed, listening, new_token, serve, url
-    from jouleswarm.page.source import Folder
 
     check_installed()
-    if not run_directory.is_dir():
-        raise ConfigurationError(f"run {run_directory}: no such directory; name the one that `jouleswarm run` printed")
+    source = _directory(run) if broker is None else _deployment(run, broker, run_id, keys, overrides(set_, seed))
     with listening(listen, port) as sock:
         token = new_token(listen)
         print(f"page: {url(listen, sock.getsockname()[1], token)} (Ctrl-C ends it)", flush=True)
-        serve(Folder(run_directory), str(run_directory), sock, token)
+        serve(source, sock, token)
+
+
+def _directory(run: Path) -> Source:
+    from jouleswarm.common.errors import ConfigurationError
+    from jouleswarm.page.source import Folder
+
+    if not run.is_dir():
+        raise ConfigurationError(f"run {run}: no such directory; name the one that `jouleswarm run` printed")
+    return Folder(run)
+
+
+def _deployment(scenario: Path, broker: str, run_id: str | None, keys: Path | None, changes: list[str]) -> Source:
+    from jouleswarm.common.scenario.reading import load_scenario
+    from jouleswarm.page.listening import Deployment
+
+    settings = load_scenario(scenario, changes)
+    return Deployment.connect(broker, settings, run_id or settings.name, keys)

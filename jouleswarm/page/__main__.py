@@ -19,7 +19,7 @@ def main() -> None:
     os.nice(_NICER)
     path, descriptor = sys.argv[1:]
     with process("page"):
-        serve(Folder(Path(path)), path, socket.socket(fileno=int(descriptor)), None, with_parent=True)
+        serve(Folder(Path(path)), socket.socket(fileno=int(descriptor)), None, with_parent=True)
 
 
 if __name__ == "__main__":

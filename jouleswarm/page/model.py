@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean
@@ -105,17 +104,12 @@ def shown(run: Run, status: str, seconds: float, events: Sequence[Event] = ()) -
         seconds=seconds,
         scenario=run.scenario,
         prices=_prices(run.scenario),
-        counted=bool(run.meter_rows),
+        counted=bool(run.meter_rows) or not run.rows,
         arms=done,
         moved=tuple(_moved(done)),
         curves=tuple(_curves(run)),
         events=tuple(events),
     )
-
-
-def seconds_since(started: str, now: datetime.datetime) -> float:
-    """From a manifest's `started` to `now`."""
-    return (now - datetime.datetime.fromisoformat(started)).total_seconds()
 
 
 def priced(arm: ArmDone, prices: PriceList, energy: Energy) -> ArmPriced:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,35 +19,40 @@ log = logging.getLogger("jouleswarm.page")
 
 
 class Paths:
-    """Of all models in a run directory, each walked once. A file is there when it has been written whole."""
+    """Of all models in a run directory, each walked once, in a thread beside whoever asks."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder / "weights"
         self._camera: Frames | None = None
-        self.found: dict[tuple[str, int], tuple[Cell, ...]] = {}
-        """(arm, task) -> cells; none where a model cannot be read."""
+        self._walker: threading.Thread | None = None
+        self._found: dict[tuple[str, int], tuple[Cell, ...]] = {}
 
-    def look(self, scenario: Scenario, most: int = 2) -> bool:
-        """Walk up to `most` models that have come since; whether there were any."""
-        if not has_maps(scenario):
-            return False
-        wanted = [(arm, task) for arm in scenario.arm_names for task in scenario.clusters]
-        files = {key: self._folder / f"{key[0]}-task{key[1]}.safetensors" for key in wanted if key not in self.found}
-        new = [(key, file) for key, file in files.items() if file.exists()][:most]
-        for (arm, task), file in new:
-            try:
-                self.found[arm, task] = self._walk(scenario, task, file)
-            except JouleSwarmError as error:
-                log.warning("%s: no path drawn: %s", file, error)
-                self.found[arm, task] = ()
-        return bool(new)
+    def look(self, scenario: Scenario) -> dict[tuple[str, int], tuple[Cell, ...]]:
+        """(arm, task) -> cells, of the models known by now; none where one cannot be read."""
+        if has_maps(scenario) and not (self._walker is not None and self._walker.is_alive()):
+            files = {
+                (arm, task): self._folder / f"{arm}-task{task}.safetensors"
+                for arm in scenario.arm_names
+                for task in scenario.clusters
+                if (arm, task) not in self._found
+            }
+            new = {key: file for key, file in files.items() if file.exists()}  # the recorder has written it whole
+            if new:
+                self._walker = threading.Thread(target=self._walk, args=(scenario, new), name="paths", daemon=True)
+                self._walker.start()
+        return dict(self._found)
 
-    def _walk(self, scenario: Scenario, task: int, file: Path) -> tuple[Cell, ...]:
+    def _walk(self, scenario: Scenario, files: dict[tuple[str, int], Path]) -> None:
         # Late imports: a page of another environment, or of a run that has learned nothing yet, needs no PyTorch.
         from jouleswarm.environments.landmarks.environment import new_camera
 
         self._camera = self._camera or new_camera(scenario)  # drawing its views is what takes long
-        return greedy_path(scenario, task, file, self._camera)
+        for (arm, task), file in files.items():
+            try:
+                self._found[arm, task] = greedy_path(scenario, task, file, self._camera)
+            except JouleSwarmError as error:
+                log.warning("%s: no path drawn: %s", file, error)
+                self._found[arm, task] = ()
 
 
 def greedy_path(scenario: Scenario, task: int, file: Path, camera: Frames) -> tuple[Cell, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -73,7 +74,7 @@ def repriced(scenario: Scenario, positions: Mapping[str, float]) -> Energy:
 def command(run: str, positions: Mapping[str, float], energy: Energy) -> str:
     """What prints the whole bill at these prices."""
     told = "".join(f" --set {key}={worth:g}" for key, worth in changes(positions, energy))
-    return f"jouleswarm report {run}{told}"
+    return f"jouleswarm report {shlex.quote(run)}{told}"
 
 
 def _own(slider: Slider, energy: Energy) -> float | None:

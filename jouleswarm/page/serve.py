@@ -72,12 +72,11 @@ def url(host: str, port: int, token: str | None) -> str:
     return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
-def serve(source: Source, where: str, sock: socket.socket, token: str | None, *, with_parent: bool = False) -> None:
+def serve(source: Source, sock: socket.socket, token: str | None, *, with_parent: bool = False) -> None:
     """Serve the page until Ctrl-C or SIGTERM; `with_parent`: and no longer than standard input is open.
 
     Args:
         source: of what is shown.
-        where: the run, as other commands name it.
         sock: which listens.
         token: without it nobody is answered; None: who asks for this machine by its own names.
     """
@@ -89,7 +88,7 @@ def serve(source: Source, where: str, sock: socket.socket, token: str | None, *,
 
     logging.getLogger("nicegui").setLevel(logging.ERROR)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    with Watch(source, where) as watch:
+    with Watch(source) as watch:
 
         def root() -> None:
             View(watch)

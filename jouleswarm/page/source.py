@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +11,13 @@ from typing import Protocol
 
 from jouleswarm.common.disk.lock import is_held
 from jouleswarm.common.errors import JouleSwarmError
-from jouleswarm.page.model import Shown, seconds_since, shown
+from jouleswarm.page.milestones import milestones
+from jouleswarm.page.model import Shown, shown
 from jouleswarm.page.paths import Paths
 from jouleswarm.runs.directory import MANIFEST, ROUNDS, TIMES
 from jouleswarm.runs.events import EVENTS, read_events
+from jouleswarm.runs.files import read_lines
+from jouleswarm.runs.metering import RowTime
 from jouleswarm.runs.run import Run, load_run
 
 _REST = 4.0
@@ -29,6 +31,10 @@ class Source(Protocol):
     def title(self) -> str:
         """Before anything is known."""
 
+    @property
+    def where(self) -> str:
+        """The run, as `jouleswarm report` takes it; "" where there is no directory."""
+
     def look(self) -> Shown | None:
         """What there is by now, or None as long as there is nothing; often the same object as before."""
 
@@ -37,7 +43,7 @@ class Folder:
     """A run directory, which may be written while it is read, or not be there yet."""
 
     def __init__(self, path: Path, now: Callable[[], datetime.datetime] | None = None) -> None:
-        self.path, self.title = path, path.name
+        self.path, self.title, self.where = path, path.name, str(path)
         self._now = now or (lambda: datetime.datetime.now(datetime.UTC))
         self._paths = Paths(path)
         self._found: Shown | None = None
@@ -54,41 +60,27 @@ class Folder:
             return self._with_paths()
         began_s = time.monotonic()
         try:
-            run = load_run(self.path)
-            status = "running" if held and run.summary is None else run.status
-            self._found, self._seen = shown(run, status, self._seconds(run, held), read_events(self.path)), seen
+            self._found, self._seen = self._show(load_run(self.path), held), seen
         except (JouleSwarmError, FileNotFoundError):
-            if not held and seen == self._seen:
+            if not held:  # else it was just being written
                 raise
-            self._seen = seen
-        self._next_s = time.monotonic() + _REST * (time.monotonic() - began_s)
+        finally:
+            self._next_s = time.monotonic() + _REST * (time.monotonic() - began_s)
         return self._with_paths()
 
     def _with_paths(self) -> Shown | None:
-        if self._found is not None and (self._paths.look(self._found.scenario) or not self._found.paths):
-            self._found = replace(self._found, paths=dict(self._paths.found))
+        if self._found is not None and (paths := self._paths.look(self._found.scenario)) != self._found.paths:
+            self._found = replace(self._found, paths=paths)
         return self._found
 
-    def _seconds(self, run: Run, held: bool) -> float:
-        started = str(run.manifest["started"])
-        if held and run.summary is None:
-            return seconds_since(started, self._now())
-        told = _last_line(self.path / TIMES)
-        if told is None:
-            return 0.0
-        return seconds_since(started, datetime.datetime.fromtimestamp(told["time_s"], datetime.UTC))
+    def _show(self, run: Run, held: bool) -> Shown:
+        running = held and run.summary is None
+        times = read_lines(self.path / TIMES, RowTime, needed=False, cut=[])
+        now = self._now().timestamp() if running else max((each.time_s for each in times), default=0.0)
+        began = datetime.datetime.fromisoformat(str(run.manifest["started"])).timestamp()
+        events = sorted([*read_events(self.path), *milestones(run, times)], key=lambda event: event.time_s)
+        return shown(run, "running" if running else run.status, max(0.0, now - began), events)
 
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.exists() else 0
-
-
-def _last_line(path: Path) -> dict[str, float] | None:
-    """The last whole line of a file of JSON lines."""
-    if not path.exists():
-        return None
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 4096))
-        lines = file.read().rpartition(b"\n")[0].splitlines()
-    found: dict[str, float] | None = json.loads(lines[-1]) if lines else None
-    return found

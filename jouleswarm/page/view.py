@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+
 from nicegui import ui
 
 from jouleswarm.page import prices
@@ -114,9 +116,9 @@ class View:
         _redraw(self._growth, growth_chart(arms))
         for each in prices.SLIDERS:
             _set(self._values[each.key], prices.value_text(each, self._positions[each.key], own))
-        moved = prices.changes(self._positions, own)
-        told = prices.command(self._watch.where, self._positions, own) if moved else ""
-        _set(self._command, f"<code>{told}</code>" if told else "")
+        is_moved = bool(prices.changes(self._positions, own)) and self._watch.where
+        told = prices.command(self._watch.where, self._positions, own) if is_moved else ""
+        _set(self._command, f"<code>{html.escape(told)}</code>" if told else "")
 
     def _move(self, key: str, at: float) -> None:
         self._positions[key] = round(at, 6)

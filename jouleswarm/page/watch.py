@@ -18,10 +18,8 @@ log = logging.getLogger("jouleswarm.page")
 class Watch:
     """Context manager: the thread ends with it."""
 
-    def __init__(self, source: Source, where: str) -> None:
-        """`where`: the run, as `jouleswarm report` takes it."""
-        self._source, self.where = source, where
-        self.title = source.title
+    def __init__(self, source: Source) -> None:
+        self._source, self.title, self.where = source, source.title, source.where
         self.shown: Shown | None = None
         self.trouble = ""
         """Why there is nothing new, as HTML."""

@@ -11,7 +11,7 @@ from jouleswarm.report.format import grams_text, joules_text
 from jouleswarm.runs.events import Event
 
 _EVENTS = 200
-_BY_FORM = "bytes by the closed form of the rounds so far; counted ones come with the end"
+_BY_FORM = "bytes by the closed form of its rounds"
 
 
 def heading(name: str, shown: Shown | None) -> str:
