@@ -10,6 +10,7 @@ import secrets
 import socket
 import sys
 import threading
+from collections.abc import AsyncIterator
 from typing import Any
 
 from jouleswarm.common.errors import ConfigurationError
@@ -84,23 +85,30 @@ def serve(source: Source, sock: socket.socket, token: str | None, *, with_parent
     from fastapi import FastAPI
     from nicegui import ui
 
+    logging.getLogger("nicegui").setLevel(logging.ERROR)
+    watch = Watch(source)
+
+    @contextlib.asynccontextmanager
+    async def watching(_: FastAPI) -> AsyncIterator[None]:
+        # Not before: NiceGUI looks through all objects as it starts, and CPython bears no other thread then.
+        with watch:
+            yield
+
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=watching)
+    ui.run_with(app, root=lambda: _open(watch), title=f"{source.title}: JouleSwarm", dark=None, tailwind=False)
+    guarded = guard(app, token)
+    config = uvicorn.Config(guarded, log_level="error", ws="wsproto", timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    if with_parent:
+        threading.Thread(target=_end_with_stdin, args=(server,), daemon=True).start()
+    with contextlib.suppress(KeyboardInterrupt):  # it is how a page ends
+        server.run(sockets=[sock])
+
+
+def _open(watch: Watch) -> None:
     from jouleswarm.page.view import View
 
-    logging.getLogger("nicegui").setLevel(logging.ERROR)
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    with Watch(source) as watch:
-
-        def root() -> None:
-            View(watch)
-
-        ui.run_with(app, root=root, title=f"{source.title}: JouleSwarm", dark=None, tailwind=False)
-        guarded = guard(app, token)
-        config = uvicorn.Config(guarded, log_level="error", ws="wsproto", timeout_graceful_shutdown=1)
-        server = uvicorn.Server(config)
-        if with_parent:
-            threading.Thread(target=_end_with_stdin, args=(server,), daemon=True).start()
-        with contextlib.suppress(KeyboardInterrupt):  # it is how a page ends
-            server.run(sockets=[sock])
+    View(watch)
 
 
 def _end_with_stdin(server: Any) -> None:

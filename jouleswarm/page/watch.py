@@ -10,7 +10,7 @@ from jouleswarm.common.errors import JouleSwarmError
 from jouleswarm.page.model import Shown
 from jouleswarm.page.source import Source
 
-_EVERY_S = 0.5
+_EVERY_S = 0.3
 
 log = logging.getLogger("jouleswarm.page")
 
@@ -35,11 +35,21 @@ class Watch:
         self._thread.join()
 
     def _look_again(self) -> None:
-        while not self._ended.is_set():
-            try:
-                self.shown, self.trouble = self._source.look(), ""
-            except (JouleSwarmError, OSError) as error:
-                if not self.trouble:
-                    log.warning("%s", error)
-                self.trouble = f'<p class="answer">{html.escape(str(error))}</p>'
-            self._ended.wait(_EVERY_S)
+        try:
+            while not self._ended.wait(_EVERY_S):
+                self._look()
+        finally:
+            if not self._ended.is_set():  # a defect, whose traceback comes next
+                self.trouble = _told("the page has failed: see what it printed")
+
+    def _look(self) -> None:
+        try:
+            self.shown, self.trouble = self._source.look(), ""
+        except (JouleSwarmError, OSError) as error:
+            if not self.trouble:
+                log.warning("%s", error)
+            self.trouble = _told(str(error))
+
+
+def _told(line: str) -> str:
+    return f'<p class="answer">{html.escape(line)}</p>'
