@@ -56,7 +56,8 @@ def layout(scenario: Scenario) -> tuple[list[Box], dict[str, Place], float]:
     """Frames of the clusters, where each process is, and how high it all is."""
     places = {"datacenter": Place(_WIDTH / 2, _CENTRE_Y), "broker": Place(_WIDTH / 2, _BROKER_Y)}
     clusters, single = scenario.clusters, len(scenario.agents) <= _MANY
-    columns = min(len(clusters), max(3, math.ceil(math.sqrt(2 * len(clusters)))))
+    lines = math.ceil(len(clusters) / max(3, math.ceil(math.sqrt(2 * len(clusters)))))
+    columns = math.ceil(len(clusters) / lines)
     width = (_WIDTH - _MARGIN * (columns + 1)) / columns
     across = max(1, int((width - 8) // _GAP)) if single else 1
     most = max(len(cluster) for cluster in clusters.values()) if single else 1

@@ -20,7 +20,7 @@ p { margin: 0; } .soft { color: var(--soft); font-size: .85rem; }
 .arm { border-left: 5px solid; padding: .35rem .8rem; background: var(--card); border-radius: 4px; }
 .arm b { font-size: 1.5rem; font-weight: 650; font-variant-numeric: tabular-nums; display: block; line-height: 1.25; }
 .columns { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .7rem; }
-.tasks { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(17rem, 100%), 1fr)); gap: .7rem; }
+.tasks { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: .7rem; }
 .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .7rem .9rem;
   min-width: 0; }
 .wide { margin-top: .7rem; }

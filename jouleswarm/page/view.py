@@ -89,7 +89,7 @@ class View:
     def _build_task(self, shown: Shown, task: int) -> tuple[ui.echart, ui.html | None]:
         scenario = shown.scenario
         chart = rewards_chart((), task, {}, {}, scenario.federation.target_reward)
-        with _card(f"Task {task}: reward, and the robots' path" if has_maps(scenario) else f"Task {task}: reward"):
+        with _card(f"Task {task}: reward and path" if has_maps(scenario) else f"Task {task}: reward"):
             drawn = ui.echart(chart).style("height: 13rem; width: 100%")
             return drawn, _html("") if has_maps(scenario) else None
 

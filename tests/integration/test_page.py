@@ -6,7 +6,8 @@ import json
 import re
 import shutil
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -39,6 +40,13 @@ class Seen:
         return float(self.page.locator(f'[data-arm="{arm}"] [data-joules]').get_attribute("data-joules") or "nan")
 
 
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline_s = time.monotonic() + WITHIN_MS / 1000
+    while not condition():
+        assert time.monotonic() < deadline_s, f"not in time: {what}"
+        time.sleep(0.02)
+
+
 @pytest.fixture(scope="module")
 def seen(starter: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
     out = tmp_path_factory.mktemp("seen")
@@ -49,18 +57,13 @@ def seen(starter: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[See
         page.on("request", lambda request: requests.append(request.url))
         page.on("websocket", lambda socket: requests.append(socket.url))
         started = starter.jouleswarm("run", "toy", "--page", "--no-figures", "--out", str(out), "--run-id", "seen")
-        page.goto(address(started), timeout=WITHIN_MS)
+        wait_until(lambda: started.printed.count("\n") > 0, "the page's address")
+        address = re.match(r"page: (http://127\.0\.0\.1:\d+/)\n", started.printed)  # what is printed first
+        assert address, started.printed
+        page.goto(address[1], timeout=WITHIN_MS)
         page.wait_for_selector(".status.complete", timeout=WITHIN_MS)
         yield Seen(page, started, out / "seen", requests)
         browser.close()
-
-
-def address(started: Any) -> str:
-    """What the run prints first."""
-    for _ in iter(lambda: started.process.poll(), 0):
-        if found := re.match(r"page: (http://127\.0\.0\.1:\d+/)\n", started.printed):
-            return found[1]
-    raise AssertionError(started.printed)
 
 
 def test_the_page_ends_with_the_joules_of_the_summary(seen: Seen) -> None:
@@ -69,7 +72,7 @@ def test_the_page_ends_with_the_joules_of_the_summary(seen: Seen) -> None:
 
 
 def test_a_slider_prices_the_same_facts_again(seen: Seen) -> None:
-    thumb = seen.page.locator('[data-key="ul_bit_per_j"] [role="slider"]')
+    thumb = seen.page.locator('[data-key="ul_bit_per_j"] .q-slider__track-container')
     before = {arm: seen.joules(arm) for arm in seen.summary["arms"]}
     thumb.press("ArrowRight")
     seen.page.wait_for_function("document.body.innerText.includes('224.4 kb/J')", timeout=WITHIN_MS)
@@ -105,7 +108,7 @@ def test_nothing_is_wider_than_the_screen(seen: Seen, width: int) -> None:
 def test_ctrl_c_ends_the_page_and_leaves_nothing(seen: Seen) -> None:
     family = [process for process in seen.started.family if process.pid != seen.started.process.pid]
     assert family
-    assert "the page stays at http://127.0.0.1" in seen.started.printed
+    wait_until(lambda: "the page stays at http://127.0.0.1" in seen.started.printed, "the run's bill")
     seen.started.process.send_signal(signal.SIGINT)
     assert seen.started.ends() == 0
     assert not any(psutil.pid_exists(process.pid) and process.is_running() for process in family)
