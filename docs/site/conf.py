@@ -1,7 +1,7 @@
 """The pages of docs/ as a site of static files:  sphinx-build -W -c docs/site docs build/site
 
-MyST follows links: pages to pages, source files and pictures to copies that lie beside them. `-W` ends the build where a
-link leads nowhere.
+MyST follows links: pages to pages, source files and pictures to copies that lie beside them. `-W` ends the build where
+a link leads nowhere.
 """
 
 import re
