@@ -13,7 +13,7 @@ from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.page.maps import has_maps
 
 if TYPE_CHECKING:
-    from jouleswarm.environments.landmarks.environment import Frames
+    from jouleswarm.environments.landmarks.cameras import Frames
 
 log = logging.getLogger("jouleswarm.page")
 
@@ -44,7 +44,7 @@ class Paths:
 
     def _walk(self, scenario: Scenario, files: dict[tuple[str, int], Path]) -> None:
         # Late imports: a page of another environment, or of a run that has learned nothing yet, needs no PyTorch.
-        from jouleswarm.environments.landmarks.environment import new_camera
+        from jouleswarm.environments.landmarks.cameras import new_camera
 
         self._camera = self._camera or new_camera(scenario)  # drawing its views is what takes long
         for (arm, task), file in files.items():
