@@ -12,6 +12,7 @@ INK = "#777781"
 """Of text and axes: readable on light and on dark ground."""
 _LINE = {"lineStyle": {"color": INK, "opacity": 0.3}, "onZero": False}
 _TEXT = {"color": INK, "fontSize": 12}
+_KILO_FROM_J = 10_000
 _FEW_ROBOTS = 24
 """Robots' own curves are drawn up to here."""
 
@@ -42,17 +43,18 @@ def causes_chart(arms: Sequence[ArmPriced]) -> Options:
 
 def growth_chart(arms: Sequence[ArmPriced]) -> Options:
     """Joules in total against rounds."""
+    unit, factor = ("kJ", 1e3) if max((arm.total_j or 0.0 for arm in arms), default=0.0) >= _KILO_FROM_J else ("J", 1.0)
     series = [
         {
             "type": "line",
             "name": arm.done.label,
             "color": arm.done.colour,
             "showSymbol": len(arm.growth) == 1,
-            "data": [[round_, joules] for round_, joules in arm.growth],
+            "data": [[round_, joules / factor] for round_, joules in arm.growth],
         }
         for arm in arms
     ]
-    return {**_plane("rounds", "J"), "series": series}
+    return {**_plane("rounds", unit), "series": series}
 
 
 def rewards_chart(

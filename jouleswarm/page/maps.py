@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.maps import Cell, TaskMap
@@ -20,12 +21,21 @@ def has_maps(scenario: Scenario) -> bool:
     return scenario.environment == LANDMARKS
 
 
-def map_svg(scenario: Scenario, task: int, walks: Sequence[tuple[str, str, tuple[Cell, ...]]]) -> str:
-    """A task's map, and on it (label, colour, cells) of each arm that has learned something."""
+class Walk(NamedTuple):
+    """A greedy episode of an arm."""
+
+    label: str
+    colour: str
+    cells: tuple[Cell, ...]
+    is_learning: bool = False
+
+
+def map_svg(scenario: Scenario, task: int, walks: Sequence[Walk]) -> str:
+    """A task's map, and on it the walks of those arms that have one; dashed of those that go on learning."""
     drawn = task_map(scenario, task)
     width, height = drawn.cols * _CELL + 2 * _EDGE, drawn.rows * _CELL + 2 * _EDGE
     cells = "".join(_cell(drawn, (row, col)) for row in range(drawn.rows) for col in range(drawn.cols))
-    paths = "".join(_walk(number, len(walks), *walk) for number, walk in enumerate(walks))
+    paths = "".join(_walk(number, len(walks), walk) for number, walk in enumerate(walks))
     size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
     return f'<svg {size} class="map" role="img" aria-label="map of task {task}">{cells}{paths}</svg>'
 
@@ -39,16 +49,16 @@ def _cell(drawn: TaskMap, cell: Cell) -> str:
     return f'<rect x="{x + 1}" y="{y + 1}" width="{_CELL - 2}" height="{_CELL - 2}" rx="3" class="{kind}"/>{text}'
 
 
-def _walk(number: int, of: int, label: str, colour: str, cells: tuple[Cell, ...]) -> str:
+def _walk(number: int, of: int, walk: Walk) -> str:
     """A line through the landmarks and a robot that goes along it again and again; arms lie side by side."""
-    aside = 5.0 * (number - (of - 1) / 2)
-    points = [_point(cell, aside) for cell in cells]
-    way = "M " + " L ".join(f"{x:.1f} {y:.1f}" for x, y in points)
-    told = html.escape(f"{label}: {len(cells) - 1} motions")
-    duration = _SECONDS * max(1, len(cells) - 1)
-    motion = f'<animateMotion dur="{duration:.1f}s" repeatCount="indefinite" path="{way}"/>'
-    line = f'<path d="{way}" fill="none" stroke="{colour}" stroke-width="2.5" stroke-linejoin="round"/>'
-    return f'<g><title>{told}</title>{line}<circle r="6" fill="{colour}" class="walker">{motion}</circle></g>'
+    aside, motions = 5.0 * (number - (of - 1) / 2), len(walk.cells) - 1
+    way = "M " + " L ".join(f"{x:.1f} {y:.1f}" for x, y in (_point(cell, aside) for cell in walk.cells))
+    told = html.escape(f"{walk.label}: {motions} motions" + (", still learning" if walk.is_learning else ""))
+    dashes = ' stroke-dasharray="4 4"' if walk.is_learning else ""
+    look = f'fill="none" stroke="{walk.colour}" stroke-width="2.5" stroke-linejoin="round"{dashes}'
+    motion = f'<animateMotion dur="{_SECONDS * max(1, motions):.1f}s" repeatCount="indefinite" path="{way}"/>'
+    robot = f'<circle r="6" fill="{walk.colour}" class="walker">{motion}</circle>'
+    return f'<g><title>{told}</title><path d="{way}" {look}/>{robot}</g>'
 
 
 def _point(cell: Cell, aside: float) -> tuple[float, float]:

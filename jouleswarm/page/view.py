@@ -9,7 +9,7 @@ from nicegui import ui
 from jouleswarm.page import prices
 from jouleswarm.page.charts import causes_chart, growth_chart, rewards_chart
 from jouleswarm.page.drawing import svg
-from jouleswarm.page.maps import has_maps, map_svg
+from jouleswarm.page.maps import Walk, has_maps, map_svg
 from jouleswarm.page.model import ArmPriced, Shown, priced
 from jouleswarm.page.style import CSS
 from jouleswarm.page.watch import Watch
@@ -101,7 +101,7 @@ class View:
             _redraw(chart, rewards_chart(shown.curves, task, labels, colours, target))
             if map_ is not None:
                 found = ((arm, shown.paths.get((arm.name, task))) for arm in shown.arms)
-                walks = [(arm.label, arm.colour, cells) for arm, cells in found if cells]
+                walks = [Walk(arm.label, arm.colour, cells, task not in arm.over) for arm, cells in found if cells]
                 _set(map_, map_svg(shown.scenario, task, walks))
 
     def _price(self) -> None:

@@ -7,7 +7,7 @@ import pytest
 from jouleswarm.common.scenario.reading import load_scenario, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.page.drawing import layout, svg, thickness
-from jouleswarm.page.maps import map_svg
+from jouleswarm.page.maps import Walk, map_svg
 from jouleswarm.page.model import Moved
 from jouleswarm.page.words import events_list
 from jouleswarm.runs.events import Event
@@ -48,13 +48,13 @@ def test_the_drawing_is_well_formed_and_says_what_went_over_each_link() -> None:
 
 
 def test_a_robot_follows_its_path_over_the_map() -> None:
-    walk = ("MAML <3", "#E69F00", ((0, 1), (1, 1), (2, 1)))
+    walk = Walk("MAML <3", "#E69F00", ((0, 1), (1, 1), (2, 1)), is_learning=True)
     drawn = ElementTree.fromstring(map_svg(load_scenario("toy"), 2, [walk]))
     (motion,) = drawn.iter("animateMotion")
     # landmarks are 32 apart, the first column's middle at 6 + 16
     assert motion.get("path") == "M 54.0 22.0 L 54.0 54.0 L 54.0 86.0"
     assert [each.text for each in drawn.iter("text")] == ["E", "X"]
-    assert "MAML <3: 2 motions" in [each.text for each in drawn.iter("title")]
+    assert "MAML <3: 2 motions, still learning" in [each.text for each in drawn.iter("title")]
 
 
 def test_what_others_have_named_is_text() -> None:
