@@ -32,8 +32,8 @@ SLIDERS = (
     Slider("t0_batch_s", "T<sub>0</sub>", "data center time of a batch gradient", "ms", 1e-3),
     Slider("pk_w", "P<sub>k</sub>", "robot power", "W"),
     Slider("tk_batch_s", "T<sub>k</sub>", "robot time of a batch gradient", "ms", 1e-3),
-    Slider("datacenter_g_per_kwh", "carbon, data center", "intensity of its electricity", "gCO2e/kWh", 1, False),
-    Slider("robots_g_per_kwh", "carbon, robots", "intensity where they are charged", "gCO2e/kWh", 1, False),
+    Slider("datacenter_g_per_kwh", "carbon, data center", "carbon intensity of its electricity", "g/kWh", 1, False),
+    Slider("robots_g_per_kwh", "carbon, robots", "carbon intensity where they are charged", "g/kWh", 1, False),
 )
 BOUNDS, STEP = (-1.0, 1.0), 0.05
 """Of a factor's position."""

@@ -19,6 +19,10 @@ _EVERY_S = 0.25
 _GOING_ON = ("starting", "running", "listening")
 
 
+class _Slider(ui.slider):
+    LOOPBACK = False  # its position is the browser's: an answer that comes late would move it back
+
+
 class View:
     """Built empty; what is known fills it."""
 
@@ -79,7 +83,7 @@ class View:
                     _html(each.symbol)
                     self._values[each.key] = _html("").classes("value")
                     start = self._positions[each.key]
-                    slider = ui.slider(min=low, max=high, step=step, value=start).props(f'aria-label="{each.meaning}"')
+                    slider = _Slider(min=low, max=high, step=step, value=start).props(f'aria-label="{each.meaning}"')
                     slider.on_value_change(lambda event, key=each.key: self._move(key, float(event.value)))
                     self._sliders[each.key] = slider
         with _box("head"):

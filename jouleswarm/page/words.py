@@ -45,7 +45,7 @@ def _told(shown: Shown, what: str) -> str:
 def _card(arm: ArmPriced, is_over: bool) -> str:
     total = "-" if arm.total_j is None else joules_text(arm.total_j)
     number = "" if arm.total_j is None else f' data-joules="{arm.total_j!r}"'
-    grams = "" if arm.grams is None else f", {grams_text(arm.grams)} CO2e"
+    grams = "" if arm.grams is None else f"; {grams_text(arm.grams)} CO2e"
     name, told = html.escape(arm.done.label), html.escape("; ".join(_progress(arm.done, is_over)) + grams)
     return (
         f'<div class="arm" style="border-color: {arm.done.colour}" data-arm="{html.escape(arm.done.name)}">{name}'

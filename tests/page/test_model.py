@@ -62,7 +62,7 @@ def test_a_slider_at_rest_is_the_runs_own_price_and_half_way_up_its_square_root_
     assert prices.value_text(uplink, 0.0, energy) == "200 kb/J"
     assert prices.value_text(uplink, 0.5, energy) == "632.5 kb/J"
     assert prices.value_text(carbon, 0.0, energy) == "not known"
-    assert prices.value_text(carbon, 40.0, energy) == "40 gCO2e/kWh"
+    assert prices.value_text(carbon, 40.0, energy) == "40 g/kWh"
     assert prices.command("runs/a b", {**AT_REST, "ul_bit_per_j": 0.5}, energy) == (
         "jouleswarm report 'runs/a b' --set energy.ul_bit_per_j=632500"
     )
