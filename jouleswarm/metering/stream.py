@@ -30,27 +30,27 @@ class Stream:
             self._unparsed(len(piece))
             return
         view, self._begun = memoryview(self._begun + piece if self._begun else piece), b""
-        at = 0
+        at, end = 0, len(view)
         if self._packet is not None:
-            at = min(self._left, len(view))
+            at = min(self._left, end)
             self._left -= at
             if self._left:
                 return
             packet, self._packet = self._packet, None
             self._whole(packet)
-        while at < len(view):
+        while at < end:
             try:
                 begun = self._read(view[at:])
             except ValueError:
                 self._is_spoilt = True
-                self._unparsed(len(view) - at)
+                self._unparsed(end - at)
                 return
             if begun is None:
                 self._begun = bytes(view[at:])
                 return
             at += begun.packet_bytes
-            if at > len(view):
-                self._packet, self._left = begun, at - len(view)
+            if at > end:
+                self._packet, self._left = begun, at - end
                 return
             self._whole(begun)
 
