@@ -8,31 +8,32 @@ is their performance profile.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.curves import until
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import price
-from jouleswarm.report.canvas import new_figure
+from jouleswarm.energy.prices import price, with_beta
+from jouleswarm.energy.times import times
 from jouleswarm.report.table import Cell, Table
+from jouleswarm.runs.curves import SPENT
+from jouleswarm.studies.arms import ArmOf, arms_by_variant
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import facts_of, runs_of, task_stages
-from jouleswarm.studies.style import COLOURS
+from jouleswarm.studies.shares import shared_out
 
-SPENT = {"joules": "joules", "bits": "bits on all links", "gradients": "batch gradients", "motions": "motions"}
-"""What is spent, and what it is called."""
 _BUDGETS = 40
 _DRAWS = 1000
 
+Spent = Callable[[float], float]
+"""After so many rounds of every cluster."""
 Band = NDArray[np.float64]
 """[3, budgets] a statistic and its middle 95%."""
 
@@ -44,36 +45,88 @@ class Profile(NamedTuple):
     iqm: Band
 
 
-def to_learn(facts: Sequence[Fact], arm: str, energy: Energy) -> dict[str, NDArray[np.float64]]:
-    """For each of `SPENT` [seeds, tasks] what the arm had spent, on all tasks, when a task was learned.
+class Curves(NamedTuple):
+    """Of all arms against one thing that is spent."""
 
-    Infinite where it was not learned. Clusters learn side by side, as in `energy.curves`.
+    budgets: NDArray[np.float64]
+    """[n] the same for all arms, from the least to the most that a task took."""
+    arms: dict[ArmOf, Profile]
+    """Those of which it is known what they had spent."""
+
+
+def curves_of(facts: Sequence[Fact], scenario: Scenario) -> dict[str, Curves]:
+    """By what is spent, of `SPENT`; without what is not known of any arm, or where nothing was learned.
+
+    Args:
+        facts: with motions.
+        scenario: at whose prices, and by whose rates; seconds are known where it has any (`Energy.tells_time`).
+    """
+    costs = {
+        arm: to_learn(runs_of(facts, arm.variant, arm.arm).values(), scenario)
+        for arms in arms_by_variant(facts).values()
+        for arm in arms
+    }
+    found = {}
+    for what in SPENT:
+        held = {arm: each[what] for arm, each in costs.items() if not np.isnan(each[what]).any()}
+        told = np.concatenate([each.ravel() for each in held.values()] or [np.empty(0)])
+        told = told[np.isfinite(told) & (told > 0)]
+        if len(told):
+            budgets = np.geomspace(told.min(), told.max(), _BUDGETS)
+            found[what] = Curves(budgets, {arm: profile(each, budgets) for arm, each in held.items()})
+    return found
+
+
+def to_learn(runs: Collection[Sequence[Fact]], scenario: Scenario) -> dict[str, NDArray[np.float64]]:
+    """For each of `SPENT` [seeds, tasks] what an arm had spent, on all tasks, when a task was learned.
+
+    Infinite where it was not learned, NaN where what was spent is not known. Clusters learn side by side, as in
+    `energy.curves`.
     """
     found: dict[str, list[list[float]]] = {what: [] for what in SPENT}
-    for run in runs_of(facts, "", arm).values():
-        held = facts_of(run)
-        learned = {fact.task: fact.learned for fact in task_stages(run)}
-        points = {task: until(held, rounds) for task, rounds in held.rounds.items() if learned[task]}
-        for what, total in spending(energy).items():
-            found[what].append([total(points[task]) if task in points else math.inf for task in sorted(learned)])
+    for run in runs:
+        sums, learned = facts_of(run), {fact.task: fact.learned for fact in task_stages(run)}
+        rounds = {task: took for task, took in sums.rounds.items() if learned[task]}
+        seconds = _seconds(run, scenario)
+        for what, spent in (_spending(scenario.energy, sums) | {"seconds": seconds}).items():
+            found[what].append([spent(rounds[task]) if task in rounds else math.inf for task in sorted(learned)])
     return {what: np.array(rows) for what, rows in found.items()}
 
 
-def spending(energy: Energy) -> dict[str, Callable[[Facts], float]]:
-    """Totals of an arm's facts by what is spent; joules are NaN where the equations have no bill for these facts."""
+def _spending(energy: Energy, sums: Facts) -> dict[str, Spent]:
+    def of(*names: str, unit: float = 1) -> Spent:
+        def spent(rounds: float) -> float:
+            counts = until(sums, rounds).counts
+            told: float = sum(getattr(each, name) for each in (counts.ml, counts.fl) for name in names)
+            return unit * told
 
-    def joules(facts: Facts) -> float:
-        bill = price(literal, facts, energy)
+        return spent
+
+    def joules(rounds: float) -> float:
+        bill = price(literal, until(sums, rounds), energy)
         return math.nan if bill is None else bill.total_j
 
-    def of(*names: str, unit: float = 1) -> Callable[[Facts], float]:
-        return lambda facts: (
-            unit * sum(getattr(counts, name) for counts in (facts.counts.ml, facts.counts.fl) for name in names)
-        )
+    return {
+        "joules": joules,
+        "bits": of("uplink_bytes", "downlink_bytes", "sidelink_bytes", unit=BITS_PER_BYTE),
+        "gradients": of("gradients_support", "gradients_query", "gradients_robots"),
+        "motions": of("motions", "evaluation_motions"),
+    }
 
-    bits = of("uplink_bytes", "downlink_bytes", "sidelink_bytes", unit=BITS_PER_BYTE)
-    gradients = of("gradients_support", "gradients_query", "gradients_robots")
-    return dict(zip(SPENT, (joules, bits, gradients, of("motions", "evaluation_motions")), strict=True))
+
+def _seconds(run: Sequence[Fact], scenario: Scenario) -> Spent:
+    """Not known without rates, nor where evaluation takes time and nobody counted it."""
+    energy = scenario.energy
+    uncounted = any(fact.evaluation_motions is None for fact in task_stages(run))
+    if not energy.tells_time or (energy.motion_s and uncounted):
+        return lambda rounds: math.nan
+    held = shared_out(run, scenario)
+
+    def seconds(rounds: float) -> float:
+        total_s = times(until(held, rounds), with_beta(energy, held)).total.total_s
+        return math.nan if total_s is None else total_s
+
+    return seconds
 
 
 def profile(costs: NDArray[np.float64], budgets: NDArray[np.float64]) -> Profile:
@@ -104,48 +157,13 @@ def _band(values: NDArray[np.float64]) -> Band:
     return np.vstack([values[0], np.quantile(values[1:], [0.025, 0.975], axis=0)])
 
 
-def _profiles(facts: Sequence[Fact], arms: Mapping[int, str], energy: Energy) -> dict[str, tuple[Band, list[Profile]]]:
-    """By what is spent: budgets that all arms share, from the least to the most that a task took; an arm's each."""
-    costs, found = [to_learn(facts, arm, energy) for arm in arms.values()], {}
-    for what in SPENT:
-        told = np.concatenate([each[what].ravel() for each in costs])
-        told = told[np.isfinite(told) & (told > 0)]
-        if len(told):
-            budgets = np.geomspace(told.min(), told.max(), _BUDGETS)
-            found[what] = budgets, [profile(each[what], budgets) for each in costs]
-    return found
-
-
-def curves_csv(facts: Sequence[Fact], arms: Mapping[int, str], energy: Energy) -> Table:
-    """A row for each thing that is spent, arm and budget; `arms` are by their t0."""
+def curves_csv(found: Mapping[str, Curves]) -> Table:
+    """A row for each thing that is spent, arm and budget."""
     rows: list[tuple[Cell, ...]] = []
-    for what, (budgets, profiles) in _profiles(facts, arms, energy).items():
-        for t0, each in zip(arms, profiles, strict=True):
+    for what, (budgets, arms) in found.items():
+        for arm, each in arms.items():
             for place, budget in enumerate(budgets):
                 cells = [None if math.isnan(value) else float(value) for band in each for value in band[:, place]]
-                rows.append((what, t0, float(budget), *cells))
+                rows.append((what, *arm, float(budget), *cells))
     names = [name for of in ("share", "iqm") for name in (of, f"{of}_low95", f"{of}_high95")]
-    return Table("Tasks learned by what was spent", ("spent", "t0", "budget", *names), rows)
-
-
-def curves_figure(facts: Sequence[Fact], arms: Mapping[int, str], energy: Energy) -> Figure:
-    """The interquartile mean of tasks learned with its band over the share, against what was spent; an arm a colour."""
-    found = _profiles(facts, arms, energy)
-    figure = new_figure(4.4)
-    grid = figure.subplots(2, max(1, len(found)), sharex="col", sharey=True, squeeze=False)
-    for column, (what, (budgets, profiles)) in enumerate(found.items()):
-        for place, (t0, each) in enumerate(zip(arms, profiles, strict=True)):
-            for axes, band in ((grid[0][column], each.iqm), (grid[1][column], each.share)):
-                look = {"color": COLOURS[place % len(COLOURS)], "linewidth": 0}
-                axes.fill_between(budgets, 100 * band[1], 100 * band[2], step="post", alpha=0.2, **look)
-                label = ("without" if t0 == 0 else f"$t_0$ = {t0}") if (axes, column) == (grid[0][0], 0) else None
-                axes.step(budgets, 100 * band[0], where="post", **(look | {"linewidth": 1.2}), label=label)
-        grid[1][column].set_xscale("log")
-        grid[1][column].xaxis.set_minor_formatter(NullFormatter())
-        grid[1][column].set_xlabel(SPENT[what])
-    for axes, told in zip(
-        grid[:, 0], ("tasks learned (%),\ninterquartile mean", "tasks learned (%),\nshare"), strict=True
-    ):
-        axes.set_ylabel(told)
-    figure.legend(loc="outside upper center", ncols=len(arms), columnspacing=1.0, handlelength=1.5)
-    return figure
+    return Table("Tasks learned by what was spent", ("spent", *ArmOf._fields, "budget", *names), rows)
