@@ -1,8 +1,8 @@
-"""What share of tasks each arm had learned by what it had spent, over seeds and tasks.
+"""What share of tasks each arm had learned by what it had spent, and R, over seeds and tasks.
 
-Share and interquartile mean of the scores 0 and 1 of all seeds and tasks, with intervals by stratified bootstrap: of
-each task its seeds are drawn again (Agarwal et al. 2021, Deep RL at the edge of the statistical precipice). The share
-is their performance profile.
+Share and interquartile mean of the scores 0 and 1 of all seeds and tasks, and interquartile mean of their R, with
+intervals by stratified bootstrap: of each task its seeds are drawn again (Agarwal et al. 2021, Deep RL at the edge of
+the statistical precipice). The share is their performance profile.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import trim_mean
 
-from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.curves import until
-from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, with_beta
@@ -43,6 +42,8 @@ class Profile(NamedTuple):
 
     share: Band
     iqm: Band
+    reward: Band
+    """NaN where R is not known, and before every seed has paid for the stage."""
 
 
 class Curves(NamedTuple):
@@ -61,11 +62,9 @@ def curves_of(facts: Sequence[Fact], scenario: Scenario) -> dict[str, Curves]:
         facts: with motions.
         scenario: at whose prices, and by whose rates; seconds are known where it has any (`Energy.tells_time`).
     """
-    costs = {
-        arm: to_learn(runs_of(facts, arm.variant, arm.arm).values(), scenario)
-        for arms in arms_by_variant(facts).values()
-        for arm in arms
-    }
+    arms = [arm for held in arms_by_variant(facts).values() for arm in held]
+    runs = {arm: list(runs_of(facts, arm.variant, arm.arm).values()) for arm in arms}
+    costs = {arm: to_learn(runs[arm], scenario) for arm in arms}
     found = {}
     for what in SPENT:
         held = {arm: each[what] for arm, each in costs.items() if not np.isnan(each[what]).any()}
@@ -73,7 +72,11 @@ def curves_of(facts: Sequence[Fact], scenario: Scenario) -> dict[str, Curves]:
         told = told[np.isfinite(told) & (told > 0)]
         if len(told):
             budgets = np.geomspace(told.min(), told.max(), _BUDGETS)
-            found[what] = Curves(budgets, {arm: profile(each, budgets) for arm, each in held.items()})
+            profiles = {
+                arm: Profile(*learned_by(each, budgets), mean_reward(rewards_at(runs[arm], scenario, what, budgets)))
+                for arm, each in held.items()
+            }
+            found[what] = Curves(budgets, profiles)
     return found
 
 
@@ -85,15 +88,31 @@ def to_learn(runs: Collection[Sequence[Fact]], scenario: Scenario) -> dict[str, 
     """
     found: dict[str, list[list[float]]] = {what: [] for what in SPENT}
     for run in runs:
-        sums, learned = facts_of(run), {fact.task: fact.learned for fact in task_stages(run)}
-        rounds = {task: took for task, took in sums.rounds.items() if learned[task]}
-        seconds = _seconds(run, scenario)
-        for what, spent in (_spending(scenario.energy, sums) | {"seconds": seconds}).items():
-            found[what].append([spent(rounds[task]) if task in rounds else math.inf for task in sorted(learned)])
+        tasks = sorted(task_stages(run), key=lambda fact: fact.task)
+        for what, spent in _spending(run, scenario).items():
+            found[what].append([spent(fact.rounds) if fact.learned else math.inf for fact in tasks])
     return {what: np.array(rows) for what, rows in found.items()}
 
 
-def _spending(energy: Energy, sums: Facts) -> dict[str, Spent]:
+def rewards_at(
+    runs: Sequence[Sequence[Fact]], scenario: Scenario, what: str, budgets: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[seeds, tasks, budgets] R of each task by then, its last one where it had stopped; NaN before the stage is paid
+    for, and where the facts do not tell R."""
+    tables = []
+    for run in runs:
+        told = [np.array(fact.rewards.split(), float) for fact in sorted(task_stages(run), key=lambda fact: fact.task)]
+        spent, rounds = _spending(run, scenario)[what], max(map(len, told), default=0)
+        after = np.searchsorted([spent(round_) for round_ in range(rounds)], budgets, side="right") - 1
+        rows = [each[np.clip(after, 0, len(each) - 1)] if len(each) else np.full(len(budgets), np.nan) for each in told]
+        tables.append(np.where(after < 0, np.nan, rows))
+    return np.array(tables)
+
+
+def _spending(run: Sequence[Fact], scenario: Scenario) -> dict[str, Spent]:
+    """By what is spent, of `SPENT`."""
+    sums, energy = facts_of(run), scenario.energy
+
     def of(*names: str, unit: float = 1) -> Spent:
         def spent(rounds: float) -> float:
             counts = until(sums, rounds).counts
@@ -111,6 +130,7 @@ def _spending(energy: Energy, sums: Facts) -> dict[str, Spent]:
         "bits": of("uplink_bytes", "downlink_bytes", "sidelink_bytes", unit=BITS_PER_BYTE),
         "gradients": of("gradients_support", "gradients_query", "gradients_robots"),
         "motions": of("motions", "evaluation_motions"),
+        "seconds": _seconds(run, scenario),
     }
 
 
@@ -129,7 +149,7 @@ def _seconds(run: Sequence[Fact], scenario: Scenario) -> Spent:
     return seconds
 
 
-def profile(costs: NDArray[np.float64], budgets: NDArray[np.float64]) -> Profile:
+def learned_by(costs: NDArray[np.float64], budgets: NDArray[np.float64]) -> tuple[Band, Band]:
     """Share and interquartile mean of tasks learned within each budget.
 
     Args:
@@ -143,7 +163,23 @@ def profile(costs: NDArray[np.float64], budgets: NDArray[np.float64]) -> Profile
     counts = np.vstack([learned.sum(0), drawn.reshape(_DRAWS, -1).astype(float) @ learned])
     if seeds < 2:
         counts[1:] = math.nan  # one seed has no interval
-    return Profile(_band(counts / (seeds * tasks)), _band(_interquartile(counts, seeds * tasks)))
+    return _band(counts / (seeds * tasks)), _band(_interquartile(counts, seeds * tasks))
+
+
+def mean_reward(rewards: NDArray[np.float64]) -> Band:
+    """The interquartile mean of R, [seeds, tasks, budgets]; NaN where one is."""
+    seeds, tasks, budgets = rewards.shape
+    found = np.full((3, budgets), np.nan)
+    known = ~np.isnan(rewards).any(axis=(0, 1))
+    if known.any():
+        held = rewards[:, :, known]
+        drawn = np.random.default_rng(1).integers(seeds, size=(_DRAWS, seeds, tasks))
+        again = held[drawn, np.arange(tasks)].reshape(_DRAWS, seeds * tasks, -1)
+        means = np.vstack([trim_mean(held.reshape(seeds * tasks, -1), 0.25), trim_mean(again, 0.25, axis=1)])
+        if seeds < 2:
+            means[1:] = math.nan
+        found[:, known] = _band(means)
+    return found
 
 
 def _interquartile(ones: NDArray[np.float64], among: int) -> NDArray[np.float64]:
@@ -165,5 +201,5 @@ def curves_csv(found: Mapping[str, Curves]) -> Table:
             for place, budget in enumerate(budgets):
                 cells = [None if math.isnan(value) else float(value) for band in each for value in band[:, place]]
                 rows.append((what, *arm, float(budget), *cells))
-    names = [name for of in ("share", "iqm") for name in (of, f"{of}_low95", f"{of}_high95")]
+    names = [name for of in Profile._fields for name in (of, f"{of}_low95", f"{of}_high95")]
     return Table("Tasks learned by what was spent", ("spent", *ArmOf._fields, "budget", *names), rows)

@@ -1,22 +1,30 @@
-"""Figures of tasks learned against what was spent."""
+"""Figures of tasks learned, and of R, against what was spent."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.runs.curves import SPENT
-from jouleswarm.studies.arms import names_of
-from jouleswarm.studies.curves import Band, Curves
+from jouleswarm.studies.arms import ArmOf, names_of
+from jouleswarm.studies.curves import Curves
 from jouleswarm.studies.style import COLOURS
 
-_TWO_ROWS_IN, _ROW_IN, _LEGEND_COLUMNS = 4.4, 1.3, 7
+Statistic = Literal["share", "iqm", "reward"]
+_TOLD: dict[Statistic, str] = {
+    "iqm": "tasks learned (%),\ninterquartile mean",
+    "share": "tasks learned (%),\nshare",
+    "reward": "R of all tasks,\ninterquartile mean",
+}
+_ROW_IN, _TWO_ROWS_IN, _LEGEND_IN, _LEGEND_COLUMNS = 1.3, 4.4, 1.0, 7
 
 
 class Row(NamedTuple):
@@ -24,67 +32,77 @@ class Row(NamedTuple):
 
     label: str
     variant: str
-    statistic: int
-    """Of `Profile`."""
+    statistic: Statistic
 
 
 def curves_figures(
     found: Mapping[str, Curves], groups: Mapping[str, Mapping[str, str]]
 ) -> dict[str, Callable[[], Figure]]:
-    """By the name of their files; none where nothing was learned.
+    """By the name of their files: `curves` of tasks learned and, where it is known, `rewards` of R.
 
     Args:
-        found: of a study.
-        groups: what was varied -> its value -> its variant: a figure each. One value alone is shown by both statistics.
+        found: of a study; of none where nothing was learned there is no figure.
+        groups: what was varied -> its value -> its variant. A figure each, with a row a value; of one value tasks
+            learned are shown by both statistics.
     """
-    variants = list(dict.fromkeys(arm.variant for each in found.values() for arm in each.arms))
-    varied = {f"curves_{what}": of for what, of in groups.items()} or {"curves": {each: each for each in variants}}
+    arms = [arm for curves in found.values() for arm in curves.arms]
+    variants = dict.fromkeys(arm.variant for arm in arms)
+    known = {each for curves in found.values() for each, of in curves.arms.items() if not np.isnan(of.reward[0]).all()}
+    varied = {f"_{what}": of for what, of in groups.items()} or {"": {each: each for each in variants}}
     figures: dict[str, Callable[[], Figure]] = {}
     for name, of in varied.items():
-        shown = {value: variant for value, variant in of.items() if variant in variants}
+        shown = {f"{name[1:]} = {value}": variant for value, variant in of.items() if variant in variants}
+        learned: tuple[Statistic, ...] = ("iqm", "share") if len(shown) == 1 else ("iqm",)
         if shown:
-            figures[name] = partial(curves_figure, found, _rows(name.removeprefix("curves_"), shown))
+            figures[f"curves{name}"] = partial(curves_figure, found, _rows(shown, learned))
+        if any(arm.variant in shown.values() for arm in known):
+            figures[f"rewards{name}"] = partial(curves_figure, found, _rows(shown, ("reward",)))
     return figures
 
 
-def _rows(what: str, shown: Mapping[str, str]) -> list[Row]:
+def _rows(shown: Mapping[str, str], statistics: Sequence[Statistic]) -> list[Row]:
     if len(shown) == 1:
         (variant,) = shown.values()
-        told = ("interquartile mean", 1), ("share", 0)
-        return [Row(f"tasks learned (%),\n{name}", variant, statistic) for name, statistic in told]
-    return [Row(f"{what} = {value}", variant, 1) for value, variant in shown.items()]
+        return [Row(_TOLD[statistic], variant, statistic) for statistic in statistics]
+    return [Row(value.removeprefix(" = "), variant, statistics[0]) for value, variant in shown.items()]
 
 
 def curves_figure(found: Mapping[str, Curves], rows: Sequence[Row]) -> Figure:
-    """Tasks learned with their band against what was spent; an arm a colour.
-
-    Two rows are the interquartile mean over the share, more of them the interquartile mean of a variant each.
-    """
-    figure = new_figure(max(_TWO_ROWS_IN, _ROW_IN * len(rows) + 1))
+    """A statistic with its band against what was spent; an arm a colour."""
+    figure = new_figure(_TWO_ROWS_IN if len(rows) == 2 else _ROW_IN * max(2, len(rows)) + _LEGEND_IN)
     grid = figure.subplots(len(rows), len(found), sharex="col", sharey=True, squeeze=False)
+    shown: dict[str, Artist] = {}
     for row, panels in zip(rows, grid, strict=True):
+        names = names_of(
+            dict.fromkeys(arm for each in found.values() for arm in each.arms if arm.variant == row.variant)
+        )
         for axes, curves in zip(panels, found.values(), strict=True):
-            _draw(axes, curves, row)
+            _draw(axes, curves, names, row.statistic)
+            shown |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         panels[0].set_ylabel(row.label)
     for axes, what in zip(grid[-1], found, strict=True):
         axes.set_xscale("log")
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(SPENT[what])
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    columns = min(len(handles), _LEGEND_COLUMNS)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.0, handlelength=1.5)
-    if len({row.statistic for row in rows}) == 1:
-        figure.supylabel("tasks learned (%), interquartile mean", fontsize="medium")
+    columns = min(len(shown), _LEGEND_COLUMNS)
+    figure.legend(
+        list(shown.values()),
+        list(shown),
+        loc="outside upper center",
+        ncols=columns,
+        columnspacing=1.0,
+        handlelength=1.5,
+    )
+    if len({row.variant for row in rows}) > 1:
+        figure.supylabel(_TOLD[rows[0].statistic].replace("\n", " "), fontsize="medium")
     return figure
 
 
-def _draw(axes: Axes, curves: Curves, row: Row) -> None:
-    names = names_of(arm for arm in curves.arms if arm.variant == row.variant)
+def _draw(axes: Axes, curves: Curves, names: Mapping[ArmOf, str], statistic: Statistic) -> None:
     for place, (arm, name) in enumerate(names.items()):
-        band: Band = curves.arms[arm][row.statistic]
-        colour, line = COLOURS[place % len(COLOURS)], "-" if place < len(COLOURS) else "--"
-        told = name.replace("t0", "$t_0$")
-        axes.fill_between(
-            curves.budgets, 100 * band[1], 100 * band[2], step="post", alpha=0.2, color=colour, linewidth=0
-        )
-        axes.step(curves.budgets, 100 * band[0], line, where="post", color=colour, linewidth=1.2, label=told)
+        if arm in curves.arms:
+            band = getattr(curves.arms[arm], statistic) * (1 if statistic == "reward" else 100)
+            colour, line = COLOURS[place % len(COLOURS)], "-" if place < len(COLOURS) else "--"
+            told = name.replace("t0", "$t_0$")
+            axes.fill_between(curves.budgets, band[1], band[2], step="post", alpha=0.2, color=colour, linewidth=0)
+            axes.step(curves.budgets, band[0], line, where="post", color=colour, linewidth=1.2, label=told)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.studies.curves import curves_csv, curves_of, profile, to_learn
+from jouleswarm.studies.curves import curves_csv, curves_of, learned_by, mean_reward, rewards_at, to_learn
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import runs_of, with_motions
 from tests.studies.made_up import meta_fact, pair_of_arms, task_fact
@@ -78,7 +78,7 @@ def test_a_task_that_was_not_learned_is_never_reached(scenario: Scenario) -> Non
 
 def test_share_and_interquartile_mean_of_tasks_learned() -> None:
     costs = np.array([[1.0, 2.0], [1.0, 3.0], [1.0, 4.0], [1.0, math.inf]])  # 4 seeds x 2 tasks
-    share, iqm = profile(costs, np.array([0.5, 1.0, 2.0, 4.0]))
+    share, iqm = learned_by(costs, np.array([0.5, 1.0, 2.0, 4.0]))
     assert share[0].tolist() == [0, 4 / 8, 5 / 8, 7 / 8]
     # Of eight scores two are cut at each end: of the middle four 2, 3 and 4 are ones.
     assert iqm[0].tolist() == [0, 2 / 4, 3 / 4, 1]
@@ -88,8 +88,31 @@ def test_share_and_interquartile_mean_of_tasks_learned() -> None:
     assert share[1:, 2].tolist() == [4 / 8, 7 / 8]
 
 
+def test_r_by_what_was_spent_is_the_last_one_before_it_and_none_before_the_stage_is_paid(scenario: Scenario) -> None:
+    maml, plain = Arm("maml", "maml", 42), Arm("fl", "fl", 0)
+    run = [task_fact(plain, 1, 1, rewards="-9 55"), task_fact(plain, 2, 2, rewards="-8 7 60.5")]
+    # A round of both clusters is 80 gradients, the second one that of task 2 alone 40.
+    budgets = np.array([0.0, 79.0, 80.0, 119.0, 120.0, 1e9])
+    (found,) = rewards_at([run], scenario, "gradients", budgets)
+    assert found.tolist() == [[-9, -9, 55, 55, 55, 55], [-8, -8, 7, 7, 60.5, 60.5]]
+    staged = [meta_fact(maml), task_fact(maml, 1, 0, rewards="52"), task_fact(maml, 2, 1, rewards="-8 51")]
+    (found,) = rewards_at([staged], scenario, "gradients", np.array([42 * 60 - 1.0, 42 * 60.0, 42 * 60 + 40.0]))
+    assert np.isnan(found[:, 0]).all()
+    assert found[:, 1:].tolist() == [[52, 52], [-8, 51]]
+    assert np.isnan(rewards_at([pair_of_arms("", 1, 10, 20)[7:]], scenario, "gradients", budgets)).all()  # not noted
+
+
+def test_the_interquartile_mean_of_r() -> None:
+    rewards = np.array([[[1.0, 5.0], [2.0, 5.0]], [[3.0, 5.0], [100.0, math.nan]]])  # 2 seeds x 2 tasks x 2 budgets
+    found = mean_reward(rewards)
+    assert found[0, 0] == (2 + 3) / 2
+    # Of each task its two seeds are drawn again: with 1 and 1, 2 and 2 to 3 and 3, 100 and 100, a sixteenth of draws.
+    assert found[1:, 0].tolist() == [(1 + 2) / 2, (3 + 100) / 2]
+    assert np.isnan(found[:, 1]).all()
+
+
 def test_one_seed_has_no_interval(scenario: Scenario) -> None:
     rows = curves_csv(curves_of(with_motions(pair_of_arms("", 1, 10, 20), scenario), scenario)).rows
-    assert {tuple(row[place] for place in (6, 7, 9, 10)) for row in rows} == {(None,) * 4}
+    assert {tuple(row[place] for place in (6, 7, 9, 10, 11, 12, 13)) for row in rows} == {(None,) * 7}
     last = [row for row in rows if row[0] == "joules"][39]
     assert (last[1:4], last[5]) == (("", "fl", 0), 1.0)
