@@ -1,0 +1,28 @@
+"""How this program was called, for commands that it prints: each can be pasted as it is."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+NAME = "jouleswarm"
+
+
+def executable() -> str:
+    """`jouleswarm` where the shell finds this installation's by that name; else its path, as short as it can be from
+    here; else `python -m jouleswarm` by this interpreter."""
+    own = Path(sys.executable).parent / NAME
+    found = shutil.which(NAME)
+    if found and own.exists() and Path(found).resolve() == own.resolve():
+        return NAME
+    if own.exists():
+        return shlex.quote(_from_here(own))
+    return f"{shlex.quote(_from_here(Path(sys.executable)))} -m {NAME}"
+
+
+def _from_here(path: Path) -> str:
+    here = os.path.relpath(path)
+    return str(path) if here.startswith(os.pardir) else here if os.sep in here else os.path.join(os.curdir, here)
