@@ -15,12 +15,19 @@ def executable() -> str:
     """`jouleswarm` where the shell finds this installation's by that name; else its path, as short as it can be from
     here; else `python -m jouleswarm` by this interpreter."""
     own = Path(sys.executable).parent / NAME
-    found = shutil.which(NAME)
-    if found and own.exists() and Path(found).resolve() == own.resolve():
-        return NAME
-    if own.exists():
-        return shlex.quote(_from_here(own))
-    return f"{shlex.quote(_from_here(Path(sys.executable)))} -m {NAME}"
+    return _typed(own) if own.exists() else f"{python()} -m {NAME}"
+
+
+def python() -> str:
+    """`python` where the shell finds this interpreter by that name, else its path."""
+    return _typed(Path(sys.executable))
+
+
+def _typed(program: Path) -> str:
+    found = shutil.which(program.name)
+    if found and Path(found).parent == program.parent:
+        return program.name
+    return shlex.quote(_from_here(program))
 
 
 def _from_here(path: Path) -> str:

@@ -85,8 +85,9 @@ def title(found: Answer, names: Mapping[str, str]) -> str:
         joules = f"{joules_text(found.arms[one.arm].total_j)} against {joules_text(found.arms[one.other].total_j)}"
         return f"{names[one.arm]} {factor_words(one.factor)} {names[one.other]}: {joules}"
     if (cheapest := found.cheapest) is not None:
-        count = len(found.against) + 1
-        told = f"{names[cheapest.arm]} costs least of {count} arms that learned all tasks"
+        count, of_all = len(found.against) + 1, len(found.arms)
+        of = f"all {count} arms, which" if count == of_all else f"the {count} of {of_all} arms that"
+        told = f"{names[cheapest.arm]} costs least of {of} learned all tasks"
         return f"{told}: {joules_text(cheapest.total_j)}"
     if len(found.arms) == 1:
         (spent,) = found.arms.values()
@@ -114,9 +115,11 @@ def _reason(found: Answer, names: Mapping[str, str]) -> str:
         return f"the run is {found.status}"
     if any(spent.total_j is None for spent in found.arms.values()):
         return "bytes were not counted, or the price list has no bill here"
+    if not found.trusted:
+        return "the counters of broker and clients contradict each other"
     unlearned = [names[arm] for arm, spent in found.arms.items() if not spent.has_learned]
     if not unlearned:
-        return "the counters of broker and clients contradict each other"
+        return f"{names[found.plain]} learned all tasks before the first round and spent nothing"
     who = f"{', '.join(unlearned)} did not learn" if len(unlearned) < len(found.arms) else "no arm learned"
     return f"{who} all tasks, and joules at unequal reward cannot be compared"
 
@@ -141,15 +144,21 @@ def _from_to(was_j: Joules, now_j: Joules) -> str:
 
 def _compared(scenario: Scenario) -> Iterator[str]:
     yield f"{scenario.name}, seed {scenario.seed}: {len(scenario.agents)} robots, {len(scenario.clusters)} tasks"
-    for name in scenario.method_names[:_MOST_ARMS]:
-        yield f"{method_label(scenario, name)}: {way_words(scenario, name)}"
+    ways: dict[str, list[str]] = {}
+    for name in scenario.method_names:
+        ways.setdefault(way_words(scenario, name), []).append(method_label(scenario, name))
+    for way, who in ways.items():
+        yield f"{', '.join(who)}: {way}"
 
 
 def _learned(found: Answer, names: Mapping[str, str]) -> str:
     arms = list(found.arms.items())
+    if len(arms) > _MOST_ARMS:
+        done = sum(spent.has_learned for _, spent in arms)
+        return f"all {_tasks(arms[0][1].tasks)} by {done} of {len(arms)} arms"
     everybody = len(arms) > 1 and all(spent.has_learned for _, spent in arms)
     told = []
-    for arm, spent in arms[:_MOST_ARMS]:
+    for arm, spent in arms:
         tasks = "" if everybody else f"{spent.learned} of {_tasks(spent.tasks)} "
         shot = f" ({_tasks(spent.zero_shot)} in none)" if spent.zero_shot else ""
         after = f" after {spent.t0} in the data center" if spent.t0 else ""

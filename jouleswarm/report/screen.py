@@ -17,7 +17,7 @@ from jouleswarm.common.invoked import executable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.carbon import has_carbon
-from jouleswarm.report.answer import Said, factor_text
+from jouleswarm.report.answer import Said, factor_text, short_labels
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import grams_text, joules_text
 from jouleswarm.report.table import Table, show
@@ -67,7 +67,9 @@ def arms_table(run: Run, energy: Energy, found: Answer) -> Table:
     if len(found.arms) > _SIDE_BY_SIDE:
         rows = [[names[arm], _learned(spent), _rounds(spent), joules_text(spent.total_j), _factor(found, arm)]
                 for arm, spent in found.arms.items()]  # fmt: skip
-        return Table(_TITLE, ["arm", "learned", "rounds", "energy", "times"], rows)
+        return Table(
+            _TITLE, ["arm", "learned", "rounds", "energy", f"times {short_labels(run.scenario)[found.plain]}"], rows
+        )
     spent = list(found.arms.values())
     rows = [["tasks learned", *map(_learned, spent)], ["rounds", *map(_rounds, spent)]]
     for cause in CAUSES:

@@ -79,14 +79,16 @@ class Answer:
     """What a reader wants to know of a run first."""
 
     status: str
+    trusted: bool
+    """Whether the counters of broker and clients fit."""
     prices: str
     """Name of the price list that it is told by: the equations over what was counted, where the run has them."""
     plain: str
     """The arm that the others are held against."""
     arms: Mapping[str, Spent]
     against: tuple[Against, ...]
-    """Of arms that may be compared: a bill at unequal reward, of a run that did not end, or whose counters do not fit,
-    is no verdict."""
+    """Of arms that may be compared with it: a bill at unequal reward, of a run that did not end, or of counters that do
+    not fit, is no verdict."""
 
     @property
     def cheapest(self) -> Spent | None:
@@ -133,17 +135,17 @@ def answer_of(
     """
     prices = next((each for each in (literal, *lists) if each in lists), literal)
     arms = {arm: _spent(facts[arm], results[arm], energy, prices) for arm in scenario.arm_names}
-    plain = _plain(scenario)
+    plain = _plain(arms)
     against: tuple[Against, ...] = ()
     if status == "complete" and trusted and arms[plain].has_learned and arms[plain].total_j:
         against = tuple(_held(scenario, facts, arms, plain, energy, prices))
-    return Answer(status, prices.name, plain, arms, against)
+    return Answer(status, trusted, prices.name, plain, arms, against)
 
 
-def _plain(scenario: Scenario) -> str:
-    """The arm without transfer; else the first that learns no model before, else the first."""
-    names = [arm.name for arm in scenario.arms if not arm.t0] or list(scenario.arm_names)
-    return BASELINE if BASELINE in names else names[0]
+def _plain(arms: Mapping[str, Spent]) -> str:
+    """The arm without transfer, if it learned all tasks; else the first that did, before others one without a stage."""
+    order = sorted(arms.values(), key=lambda each: (not each.has_learned, each.arm != BASELINE, each.t0 > 0))
+    return order[0].arm
 
 
 def _spent(facts: Facts, results: Sequence[TaskResult], energy: Energy, prices: PriceList) -> Spent:

@@ -224,7 +224,7 @@ def test_the_answer_of_many_arms_has_a_row_each_and_is_not_cut(run: Run, width: 
     console = Console(file=io.StringIO(), width=width)
     print_report(run, console=console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
-    assert "costs least of 12 arms that learned all tasks" in " ".join(text.replace("│", " ").split())
+    assert "costs least of the 12 of 14 arms that learned all tasks" in " ".join(text.replace("│", " ").split())
     assert re.search(r"multitask, t0 = 2 +6 of 6 +2 \+ 42 +5\.01 kJ +1\.5", text)
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= width
