@@ -38,6 +38,13 @@ class Said(NamedTuple):
     changed: str = ""
     """Of other prices than the run's own: what they have made of it."""
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The lines, of several that tell of one thing the name with the first alone."""
+        names = [what for what, _ in self.lines]
+        told = zip(["", *names], self.lines, strict=False)
+        return [("" if what == before else what, words) for before, (what, words) in told]
+
 
 def answer(run: Run, energy: Energy) -> Answer:
     """The answer of a run at these constants.
@@ -52,7 +59,8 @@ def answer(run: Run, energy: Energy) -> Answer:
 def said(run: Run, energy: Energy, found: Answer, before: Answer | None = None) -> Said:
     """The words of an answer at these constants; `before`: the same at others, to be told what has changed."""
     scenario, names = run.scenario, short_labels(run.scenario)
-    lines = [("compared", each) for each in _compared(scenario)]
+    lines = [("note", scenario.note)] if scenario.note else []
+    lines += [("compared", each) for each in _compared(scenario)]
     lines.append(("learned", _learned(found, names)))
     lines += [("why", each) for each in _why(scenario, found, names)]
     lines += [("turns if", each) for each in _turns(found, energy, names)]
@@ -66,8 +74,6 @@ def said(run: Run, energy: Energy, found: Answer, before: Answer | None = None) 
         lines.append(("note", "bytes were not counted: what links have cost is not known, nor the whole"))
     if notes_of_faults(run):
         lines.append(("note", "something failed on the way, which is in the bill: --details says what"))
-    if scenario.note:
-        lines.append(("note", scenario.note))
     return Said(title(found, names), lines, _changed(before, found, names) if before else "")
 
 
@@ -187,7 +193,7 @@ def _turns(found: Answer, energy: Energy, names: Mapping[str, str]) -> Iterator[
     one = min(found.against, key=lambda each: abs(math.log(each.factor)))
     told, never = [], []
     if one.has_stage and one.pays_from_tasks is None:
-        never.append("number of tasks")
+        never.append("more tasks")
     elif one.has_stage and one.pays_from_tasks is not None:
         least, here = math.floor(one.pays_from_tasks) + 1, found.arms[one.arm].tasks
         if one.factor > 1:
@@ -197,16 +203,16 @@ def _turns(found: Answer, energy: Energy, names: Mapping[str, str]) -> Iterator[
     for constant, symbol in _SYMBOLS.items():
         now, there = getattr(energy, constant) / 1e3, one.turns_at.get(constant)
         if there is None:
-            never.append(symbol)
+            never.append(f"any {symbol}")
         else:
             way = "below" if there / 1e3 < now else "above"
             told.append(f"{symbol} were {way} {there / 1e3:,.4g} kb/J (here {now:,.4g})")
     where = f"{names[one.arm]}: " if len(found.against) > 1 else ""
-    by = f"no {', no '.join(never)}"
+    by = f"not by {', '.join(never)}"
     if not told:
-        yield f"{where}never: by {by}"
+        yield f"{where}never: {by}"
     else:
-        yield where + ", or ".join(told) + (f"; by {by}" if never else "")
+        yield where + ", or ".join(told) + (f"; {by}" if never else "")
 
 
 def _other_prices(run: Run, energy: Energy, found: Answer) -> Iterator[str]:

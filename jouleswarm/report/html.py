@@ -79,7 +79,7 @@ def page(run: Run, energy: Energy) -> str:
 
 def answer_html(told: Said) -> str:
     """The answer of a run, that stands before everything else on its page."""
-    lines = "".join(f"<dt>{html.escape(what)}</dt><dd>{html.escape(words)}</dd>" for what, words in told.lines)
+    lines = "".join(f"<dt>{html.escape(what)}</dt><dd>{html.escape(words)}</dd>" for what, words in told.rows)
     changed = f"<p>{html.escape(told.changed)}</p>" if told.changed else ""
     return f'<section class="answer">{changed}<h1>{html.escape(told.title)}</h1><dl>{lines}</dl></section>'
 

@@ -43,14 +43,13 @@ def panel(told: Said, width: int) -> Panel:
     """Title and lines, so many characters wide; broken between words, never cut, and numbers keep their units."""
     inside = width - 4  # two edges, and a blank beside each
     names = max((len(what) for what, _ in told.lines), default=0)
-    text, before = Text(), ""
+    text = Text()
     for line, style in ((told.changed, ""), (told.title, "bold")):
         if line:
             text.append(_wrapped(line, inside) + "\n", style=style)
-    for what, words in told.lines:
-        text.append(f"{'' if what == before else what:{names}}  ", style="dim")
+    for what, words in told.rows:
+        text.append(f"{what:{names}}  ", style="dim")
         text.append(_wrapped(words, inside - names - 2).replace("\n", "\n" + " " * (names + 2)) + "\n")
-        before = what
     text.rstrip()
     return Panel(text, box=ROUNDED, width=width, padding=(0, 1))
 

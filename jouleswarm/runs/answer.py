@@ -71,7 +71,8 @@ class Against:
     has_stage: bool
     """Whether it learns a model first that more tasks could share."""
     pays_from_tasks: float | None
-    """With more tasks than this the stage is paid for; None: no number of them is enough, or it is not known."""
+    """With more tasks than this the stage is paid for; None: more tasks than there are do not help, or it is not
+    known."""
 
 
 @dataclass(frozen=True)
@@ -184,5 +185,7 @@ def _held(
         has_stage = bool(spent.t0) and not arms[plain].t0
         saved = savings(mine, other, scenario.meta.training_tasks, here, prices) if has_stage else None
         tasks = tasks_to_pay(saved) if saved else math.inf
-        even = tasks if math.isfinite(tasks) else None
-        yield Against(name, plain, spent.total_j / plain_j, turns_at, has_stage, even)
+        factor = spent.total_j / plain_j
+        lost_again = factor > 1 and tasks < spent.tasks  # a seen task saves, and the others cost more than it saved
+        even = None if lost_again or math.isinf(tasks) else tasks
+        yield Against(name, plain, factor, turns_at, has_stage, even)

@@ -72,7 +72,7 @@ def test_what_would_turn_it(learned) -> None:
     # the stage: 2364.72 + 4.8 J; a task saves (2452.8 - 817.6 - 0.8) / 2 = 817.2 J, so M* = 2369.52 / 817.2 = 2.9
     # sidelinks: 800 kbit by MAML, 2400 kbit without; 738.32 J = 1600 kbit / E_SL
     assert words(learned)[1]["turns if"] == (
-        "there were 3 tasks or more (here 2), or E_SL were below 2.167 kb/J (here 500); by no E_UL"
+        "there were 3 tasks or more (here 2), or E_SL were below 2.167 kb/J (here 500); not by any E_UL"
     )
 
 
