@@ -9,11 +9,17 @@ import sys
 from pathlib import Path
 
 NAME = "jouleswarm"
+PROGRAM = "JOULESWARM_PROGRAM"
+"""In the environment: what to type for this program where its user is, who may be outside of its container."""
+FETCH = "JOULESWARM_FETCH"
+"""In the environment: what to type to have its files there."""
 
 
 def executable() -> str:
-    """`jouleswarm` where the shell finds this installation's by that name; else its path, as short as it can be from
-    here; else `python -m jouleswarm` by this interpreter."""
+    """As `PROGRAM` has it; else `jouleswarm` where the shell finds this installation's by that name; else its path, as
+    short as it can be from here; else `python -m jouleswarm` by this interpreter."""
+    if told := os.environ.get(PROGRAM):
+        return told
     own = Path(sys.executable).parent / NAME
     return _typed(own) if own.exists() else f"{python()} -m {NAME}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import textwrap
@@ -13,7 +14,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from jouleswarm.common.invoked import executable
+from jouleswarm.common.invoked import FETCH, executable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.bill import CAUSES
 from jouleswarm.energy.carbon import has_carbon
@@ -93,6 +94,8 @@ def show_next(run: Run, written: Sequence[Path], console: Console) -> None:
 
 def commands(run: Run) -> Iterator[tuple[str, str]]:
     """(what for, what to type) next; each can be pasted as it is."""
+    if fetch := os.environ.get(FETCH):
+        yield "fetch its files", fetch
     program, folder = executable(), shlex.quote(str(run.path))
     if run.status != "complete" and (run.path / STATE).is_dir():
         yield "go on with it", f"{program} run --resume {folder}"

@@ -4,6 +4,7 @@ With task 2 learned by both arms: MAML 3187.92 J, of which 2364.72 J are gradien
 4.8 J uplink, 0.8 J downlink and 1.6 J sidelinks; without transfer 2448 J on robots and 4.8 J sidelinks.
 """
 
+import dataclasses
 import io
 import json
 import sys
@@ -14,12 +15,14 @@ from rich.console import Console
 
 from jouleswarm.common import invoked
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.facts import Counts
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.report.answer import Said, answer, factor_text, factor_words, said
 from jouleswarm.report.everyday import everyday
 from jouleswarm.report.html import answer_html
 from jouleswarm.report.report import report
 from jouleswarm.report.screen import commands, panel
+from jouleswarm.runs.answer import answer_of
 from jouleswarm.runs.directory import STATE, SUMMARY
 from jouleswarm.runs.run import load_run
 from jouleswarm.runs.summary import summarise
@@ -182,3 +185,19 @@ def test_commands_name_the_program_as_the_shell_finds_it(tmp_path: Path, monkeyp
     assert invoked.executable() == "venv/bin/jouleswarm"
     monkeypatch.setenv("PATH", str(folder))
     assert invoked.executable() == "jouleswarm"
+    monkeypatch.setenv(invoked.PROGRAM, "docker compose run --rm recorder jouleswarm")  # of a container
+    assert invoked.executable() == "docker compose run --rm recorder jouleswarm"
+
+
+def test_a_task_that_others_lose_again_is_no_break_even(learned) -> None:
+    # task 1 alone was learned from: it saves, task 2 costs more; of one task the stage would be paid for
+    run = load_run(learned)
+    one = run.facts["maml"].parts["fl", 1]
+    parts = {("ml", 0): Counts(gradients_robots=1), ("fl", 1): one, ("fl", 2): Counts(gradients_robots=2000)}
+    sums = {"known_flows": None, "known_work": None, "known_sent": None}
+    dear = dataclasses.replace(run.facts["maml"], parts=parts, **sums)
+    scenario = run.scenario.model_copy(update={"meta": run.scenario.meta.model_copy(update={"training_tasks": (1,)})})
+    held = {"maml": dear, "fl": run.facts["fl"]}
+    (found,) = answer_of(scenario, held, run.results, scenario.energy, run.price_lists).against
+    assert found.factor > 1
+    assert found.pays_from_tasks is None
