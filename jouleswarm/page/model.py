@@ -23,6 +23,7 @@ from jouleswarm.runs.events import Event
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.sizes import scenario_sizes
 
+OVER = ("complete", "interrupted", "failed")
 _MOST_POINTS = 40  # of a growth curve; a bill for each is made anew at every move of a slider
 
 
@@ -67,11 +68,10 @@ class ArmDone:
 class Shown:
     """All that the page shows but prices."""
 
-    name: str
+    run: Run
     status: str
     """starting, running, complete, interrupted, failed or listening."""
     seconds: float
-    scenario: Scenario
     prices: PriceList
     counted: bool
     """Whether bytes were counted; else they are those of the closed form."""
@@ -81,6 +81,16 @@ class Shown:
     events: tuple[Event, ...] = ()
     paths: Mapping[tuple[str, int], tuple[tuple[int, int], ...]] = field(default_factory=dict)
     """(arm, task) -> cells that the learned model's greedy episode goes through."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is run."""
+        return self.run.scenario
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more comes."""
+        return self.status in OVER
 
 
 class ArmPriced(NamedTuple):
@@ -99,10 +109,9 @@ def shown(run: Run, status: str, seconds: float, events: Sequence[Event] = ()) -
     """What is known of a run by now."""
     done = tuple(_arms(run))
     return Shown(
-        name=run.name,
+        run=run,
         status=status,
         seconds=seconds,
-        scenario=run.scenario,
         prices=_prices(run.scenario),
         counted=bool(run.meter_rows) or not run.rows,
         arms=done,

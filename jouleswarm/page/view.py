@@ -13,10 +13,9 @@ from jouleswarm.page.maps import Walk, has_maps, map_svg
 from jouleswarm.page.model import ArmPriced, Shown, priced
 from jouleswarm.page.style import CSS
 from jouleswarm.page.watch import Watch
-from jouleswarm.page.words import arm_cards, events_list, heading
+from jouleswarm.page.words import answer_section, arm_cards, events_list, heading
 
 _EVERY_S = 0.25
-_GOING_ON = ("starting", "running", "listening")
 
 
 class _Slider(ui.slider):
@@ -35,6 +34,7 @@ class View:
         with ui.element("main"):
             self._heading = _html(heading(watch.title, None))
             self._trouble = _html("")
+            self._answer = _html("")
             self._arms = _html("")
             self._body = ui.element("div")
         ui.timer(_EVERY_S, self.update)
@@ -115,7 +115,8 @@ class View:
             return
         own, energy = shown.scenario.energy, prices.repriced(shown.scenario, self._positions)
         arms: list[ArmPriced] = [priced(arm, shown.prices, energy) for arm in shown.arms]
-        _set(self._arms, arm_cards(arms, shown.status not in _GOING_ON))
+        _set(self._answer, answer_section(shown, energy))
+        _set(self._arms, arm_cards(arms, shown.is_over))
         _redraw(self._causes, causes_chart(arms))
         _redraw(self._growth, growth_chart(arms))
         for each in prices.SLIDERS:

@@ -6,17 +6,22 @@ import datetime
 import html
 from collections.abc import Iterator, Sequence
 
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.page.model import ArmDone, ArmPriced, Shown
+from jouleswarm.report.answer import answer, said
 from jouleswarm.report.format import grams_text, joules_text
 from jouleswarm.runs.events import Event
 
 _EVENTS = 200
+_FIRST = ("why", "turns if")
+"""Of an answer's lines; what else it tells is a click away."""
 _BY_FORM = "bytes by the closed form of its rounds"
 
 
 def heading(name: str, shown: Shown | None) -> str:
     """What it is, and how it stands."""
-    title = f"<h1>{html.escape(shown.name if shown else name)}</h1>"
+    title = f"<h1>{html.escape(name)}</h1>"
     if shown is None:
         return f'<div class="head">{title}<span class="status starting">starting</span></div>'
     scenario, robots = shown.scenario, len(shown.scenario.agents)
@@ -24,6 +29,27 @@ def heading(name: str, shown: Shown | None) -> str:
     counted = "" if shown.counted or shown.status == "starting" else f"; {_BY_FORM}"
     status = f'<span class="status {shown.status}">{shown.status}</span>'
     return f'<div class="head">{title}{status}<span class="soft">{_told(shown, told + counted)}</span></div>'
+
+
+def answer_section(shown: Shown, energy: Energy) -> str:
+    """The answer of a run that is over, at these constants; nothing before, and where a price list fails."""
+    if not shown.is_over:
+        return ""
+    run, own = shown.run, shown.scenario.energy
+    try:
+        found = answer(run, energy)
+        told = said(run, energy, found, None if energy == own else answer(run, own))
+    except ConfigurationError:  # told with the bill
+        return ""
+    first, more = ([line for line in told.lines if (line[0] in _FIRST) == wanted] for wanted in (True, False))
+    rest = f"<details><summary>more</summary>{_lines(more)}</details>" if more else ""
+    changed = f"<p>{html.escape(told.changed)}</p>" if told.changed else ""
+    return f'<section class="answer"><b>{html.escape(told.title)}</b>{changed}{_lines(first)}{rest}</section>'
+
+
+def _lines(told: Sequence[tuple[str, str]]) -> str:
+    rows = (f"<dt>{html.escape(what)}</dt><dd>{html.escape(words)}</dd>" for what, words in told)
+    return f"<dl>{''.join(rows)}</dl>"
 
 
 def arm_cards(arms: Sequence[ArmPriced], is_over: bool) -> str:
