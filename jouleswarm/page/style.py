@@ -15,7 +15,9 @@ p { margin: 0; } .soft { color: var(--soft); font-size: .85rem; }
 .status { font-weight: 600; } .status.running, .status.listening, .status.starting { color: var(--accent); }
 .status.complete { color: var(--sidelink); } .status.failed, .status.interrupted { color: var(--uplink); }
 .answer { border-left: 4px solid var(--accent); padding: .1rem .9rem; margin: .5rem 0 .8rem; }
-.answer b { font-size: 1.15rem; font-weight: 650; } .answer summary { color: var(--soft); cursor: pointer; }
+.answer b { font-size: 1.15rem; font-weight: 650; }
+.answer summary { color: var(--soft); cursor: pointer; display: list-item; list-style: inside disclosure-closed; }
+.answer [open] summary { list-style-type: disclosure-open; }
 .answer dl { display: grid; grid-template-columns: max-content minmax(0, 1fr); gap: 0 .9rem; margin: .15rem 0; }
 .answer dt { color: var(--soft); } .answer dd { margin: 0; }
 .arms { display: grid; grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); gap: .7rem; margin-bottom: .7rem; }

@@ -9,8 +9,6 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.page.drawing import layout, svg, thickness
 from jouleswarm.page.maps import Walk, map_svg
 from jouleswarm.page.model import Moved
-from jouleswarm.page.words import events_list
-from jouleswarm.runs.events import Event
 
 
 def fleet(tasks: int, robots: int) -> Scenario:
@@ -55,7 +53,3 @@ def test_a_robot_follows_its_path_over_the_map() -> None:
     assert motion.get("path") == "M 54.0 22.0 L 54.0 54.0 L 54.0 86.0"
     assert [each.text for each in drawn.iter("text")] == ["E", "X"]
     assert "MAML <3: 2 motions, still learning" in [each.text for each in drawn.iter("title")]
-
-
-def test_what_others_have_named_is_text() -> None:
-    assert "&lt;script&gt;" in events_list([Event(time_s=0.0, text="<script>")])
