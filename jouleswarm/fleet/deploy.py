@@ -8,7 +8,7 @@ import secrets
 import shutil
 import subprocess
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -217,7 +217,8 @@ def _deploy(
 def _tell(console: Console, run: Path, line: str) -> None:
     """What happened, to who looks on now and to who looks later."""
     console.print(line, highlight=False, markup=False, soft_wrap=True)
-    note_event(run, Event(time_s=round(time.time(), 3), text=line))
+    with suppress(OSError):  # nobody's bill is of it: no reason to end a run
+        note_event(run, Event(time_s=round(time.time(), 3), text=line))
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:
