@@ -26,9 +26,10 @@ def calibrate(
 
     \b
     jouleswarm calibrate quick --role robot --write energy.toml
-    jouleswarm calibrate quick --role datacenter --device cuda --write energy.toml
+    jouleswarm calibrate quick --role datacenter --device cuda \\
+        --write energy.toml
     jouleswarm run quick --energy energy.toml
-    jouleswarm report runs/RUN --energy energy.toml     # a run that is over; nothing is trained again
+    jouleswarm report runs/RUN --energy energy.toml   # a run that is over
 
     Seconds are medians, after a warm-up; of a processor in one thread and by CPU time, so that other work on the
     machine does not count. Joules are read from RAPL and NVML where they can be; else they are estimated as CPU time x

@@ -33,9 +33,12 @@ def init(
     """Make certificates, passwords and topic rights for every client of a scenario.
 
     \b
-    FOLDER/ca.crt, ca.key  the authority that signs all certificates; keep ca.key, or delete it
-    FOLDER/broker/         for the broker: its certificate, users with argon2id hashes, rights
-    FOLDER/agent-1/ ...    for one client each: certificate, password, ca.crt; nobody else needs it
+    FOLDER/ca.crt, ca.key  the authority that signs all certificates; keep
+                           ca.key, or delete it
+    FOLDER/broker/         for the broker: its certificate, users with argon2id
+                           hashes, rights
+    FOLDER/agent-1/ ...    for one client each: certificate, password, ca.crt;
+                           nobody else needs it
 
     A robot on another machine gets FOLDER/agent-N/ alone, into a folder of keys there. Private files can be read
     by their owner only. A client's name is its user, its id on the bus and the common name of its certificate.
@@ -44,7 +47,8 @@ def init(
     Example:
       jouleswarm keys init quick --out keys --hosts broker.example,127.0.0.1
       python -m jouleswarm.broker --host 0.0.0.0 --keys keys
-      python -m jouleswarm.agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario quick
+      python -m jouleswarm.agents --id 1 --scenario quick --keys keys \\
+          --broker mqtts://broker.example:8883
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.keys import make_keys, refresh_keys
