@@ -42,11 +42,12 @@ def calibrate(
 
     from jouleswarm.common.process import use_one_thread
     from jouleswarm.common.scenario.reading import load_scenario
+
+    settings = load_scenario(scenario, set_ or ())
     from jouleswarm.methods.calibration import calibrate as measured
     from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, write_energy
     from jouleswarm.report.table import show
 
-    settings = load_scenario(scenario, set_ or ())
     check_writable(write)
     use_one_thread()
     console = Console()

@@ -17,6 +17,8 @@ from jouleswarm.cli.keys import keys
 from jouleswarm.cli.meter import meter
 from jouleswarm.cli.report import audit, report
 from jouleswarm.cli.run import record, run, validate
+from jouleswarm.cli.runs import compare, runs
+from jouleswarm.cli.scenarios import init, scenarios, schema
 from jouleswarm.cli.study import study
 
 app = typer.Typer(
@@ -44,7 +46,7 @@ def _whole(
     pass
 
 
-for command in (run, validate, record, report, bill, calibrate, chaos, audit):
+for command in (scenarios, init, validate, run, record, runs, report, compare, bill, calibrate, audit, chaos, schema):
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(meter, name="meter")

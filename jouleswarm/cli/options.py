@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.options import SCENARIO_HELP
 
 ScenarioFile = Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
@@ -61,6 +62,17 @@ KeepState = Annotated[
     bool,
     typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
 ]
+
+
+def must_exist(what: str, *paths: Path) -> None:
+    """Before anything heavy is loaded: a misspelt name is told at once.
+
+    Raises:
+        ConfigurationError: a path is not there.
+    """
+    for path in paths:
+        if not path.exists():
+            raise ConfigurationError(f"{what} {path}: cannot be read (No such file or directory)")
 
 
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:

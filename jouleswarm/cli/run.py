@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
     Dry,
     Durable,
@@ -95,15 +96,20 @@ def validate(
     set_: SetOption = None,
     energy: EnergyFile = None,
     rounds: Rounds = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
-    from jouleswarm.fleet.trial import try_out
-    from jouleswarm.report.foretold import print_foretold
 
     settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
+    from jouleswarm.fleet.trial import try_out
+    from jouleswarm.report.foretold import foretold_document, print_foretold
+
     try_out(settings)
-    print_foretold(settings, rounds)
+    if as_json:
+        print_document(foretold_document(settings, rounds))
+    else:
+        print_foretold(settings, rounds)
 
 
 def record(

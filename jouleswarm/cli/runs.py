@@ -1,0 +1,65 @@
+"""`jouleswarm runs`, `jouleswarm compare` and `jouleswarm export`."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jouleswarm.cli.document import JsonOption, print_document
+from jouleswarm.cli.options import EnergyOption
+
+
+def runs(
+    folder: Annotated[Path, typer.Argument(envvar="JOULESWARM_OUT", help="Where runs were written to.")] = Path("runs"),
+    as_json: JsonOption = False,
+) -> None:
+    """List the runs of a folder: finished, interrupted, running; rounds and joules of each arm.
+
+    An interrupted one goes on by `jouleswarm run --resume RUN`.
+    """
+    from jouleswarm.runs.listing import listed
+
+    found = listed(folder)
+    from jouleswarm.report.listing import runs_document, runs_table
+
+    if as_json:
+        print_document({"runs": runs_document(found)})
+        return
+    from rich.console import Console
+
+    from jouleswarm.report.table import show
+
+    if found:
+        show(runs_table(found, datetime.now(UTC)), Console())
+        for each in found:
+            if each.why:
+                print(f"{each.path.name}: {each.why}")
+    else:
+        print(f"no runs in {folder}; jouleswarm run toy --out {folder} makes one")
+
+
+def compare(
+    run_directories: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Two run directories or more.")],
+    set_: EnergyOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Put runs side by side: rounds, joules, bits and seconds of each arm, and in what their scenarios differ."""
+    from jouleswarm.runs.files import read_manifest
+
+    for each in run_directories:
+        read_manifest(each)  # before anything heavy is loaded
+    from rich.console import Console
+
+    from jouleswarm.report.compare import compare_document, compare_lines, compare_table, compared
+    from jouleswarm.report.table import show
+
+    found = compared(run_directories, set_ or ())
+    if as_json:
+        print_document(compare_document(found))
+        return
+    show(compare_table(found), Console())
+    for line in compare_lines(found):
+        print(line)
