@@ -10,6 +10,7 @@ import typer
 from jouleswarm.cli.bill import bill
 from jouleswarm.cli.calibrate import calibrate
 from jouleswarm.cli.chaos import chaos
+from jouleswarm.cli.doctor import doctor
 from jouleswarm.cli.document import command_in_json, wants_json
 from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.help import tell_whole_sentences
@@ -46,7 +47,22 @@ def _whole(
     pass
 
 
-for command in (scenarios, init, validate, run, record, runs, report, compare, bill, calibrate, audit, chaos, schema):
+for command in (
+    scenarios,
+    init,
+    validate,
+    run,
+    record,
+    runs,
+    report,
+    compare,
+    bill,
+    calibrate,
+    audit,
+    chaos,
+    schema,
+    doctor,
+):
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(meter, name="meter")
