@@ -18,7 +18,7 @@ from jouleswarm.cli.keys import keys
 from jouleswarm.cli.meter import meter
 from jouleswarm.cli.report import audit, report
 from jouleswarm.cli.run import record, run, validate
-from jouleswarm.cli.runs import compare, runs
+from jouleswarm.cli.runs import compare, export, runs
 from jouleswarm.cli.scenarios import init, scenarios, schema
 from jouleswarm.cli.study import study
 
@@ -47,22 +47,11 @@ def _whole(
     pass
 
 
-for command in (
-    scenarios,
-    init,
-    validate,
-    run,
-    record,
-    runs,
-    report,
-    compare,
-    bill,
-    calibrate,
-    audit,
-    chaos,
-    schema,
-    doctor,
-):
+_COMMANDS = (
+    *(scenarios, init, validate, run, record, runs, report, compare, export, bill),
+    *(calibrate, audit, chaos, schema, doctor),
+)
+for command in _COMMANDS:
     app.command()(command)
 app.add_typer(keys, name="keys")
 app.add_typer(meter, name="meter")

@@ -48,6 +48,12 @@ Resume = Annotated[
 Restarts = Annotated[
     int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
 ]
+MetricsPort = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=65535, envvar="JOULESWARM_METRICS_PORT", help="Serve Prometheus metrics of the run; 0: a free port."
+    ),
+]
 Durable = Annotated[
     bool,
     typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),

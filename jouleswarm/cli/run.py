@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,6 +15,7 @@ from jouleswarm.cli.options import (
     EnergyFile,
     KeepState,
     Measured,
+    MetricsPort,
     Out,
     Restarts,
     Resume,
@@ -26,6 +27,9 @@ from jouleswarm.cli.options import (
 )
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
+if TYPE_CHECKING:
+    from jouleswarm.fleet.recording import Viewing
+
 
 def _present(path: Path, figures: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
@@ -34,6 +38,16 @@ def _present(path: Path, figures: bool) -> None:
     with telling_what_is_kept(path):
         print_bill(path, html=figures, figures=figures)
         print(f"run directory: {path}")
+
+
+def _viewing(metrics_port: int | None) -> Viewing:
+    from jouleswarm.report.view import View
+
+    if metrics_port is None:
+        return View
+    from jouleswarm.fleet.metrics import with_metrics
+
+    return with_metrics(metrics_port, View)
 
 
 def run(
@@ -59,6 +73,7 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    metrics_port: MetricsPort = None,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -68,9 +83,8 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
-    from jouleswarm.report.view import View
 
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
+    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -124,6 +138,7 @@ def record(
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    metrics_port: MetricsPort = None,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
 
@@ -132,8 +147,7 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
-    from jouleswarm.report.view import View
 
-    settings = load_scenario(scenario, overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
+    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
     _present(path, figures)

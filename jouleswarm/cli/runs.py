@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,15 @@ import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import EnergyOption
+
+
+class Target(StrEnum):
+    """What a run is exported to."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    TENSORBOARD = "tensorboard"
+    MLFLOW = "mlflow"
 
 
 def runs(
@@ -63,3 +73,44 @@ def compare(
     show(compare_table(found), Console())
     for line in compare_lines(found):
         print(line)
+
+
+def export(
+    run_directory: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory.")],
+    to: Annotated[Target, typer.Option(help="What for.")],
+    out: Annotated[Path, typer.Option(help="Folder for a folder of the run's name; not for mlflow.")] = Path("export"),
+    uri: Annotated[
+        str | None, typer.Option(help="MLflow's tracking server or database. Default: mlflow.db here, as MLflow's own.")
+    ] = None,
+) -> None:
+    """Hand a run over to other tools: tables as CSV or Parquet, TensorBoard's event files, or MLflow.
+
+    \b
+    jouleswarm export runs/RUN --to csv             # export/RUN/rounds.csv, ...
+    jouleswarm export runs/RUN --to tensorboard
+    tensorboard --logdir export
+    jouleswarm export runs/RUN --to mlflow
+    mlflow ui --backend-store-uri sqlite:///mlflow.db
+
+    The run directory stays as it is. Parquet, TensorBoard and MLflow are extras: pip install jouleswarm[export],
+    [tensorboard], [mlflow].
+    """
+    from jouleswarm.runs.run import load_run
+
+    run, folder = load_run(run_directory), out / run_directory.resolve().name
+    if to is Target.MLFLOW:
+        from jouleswarm.report.mlflow import log_run
+
+        for name in log_run(run, uri or "sqlite:///mlflow.db"):
+            print(f"logged {name}")
+        return
+    if to is Target.TENSORBOARD:
+        from jouleswarm.report.tensorboard import write_events
+
+        written = write_events(run, folder)
+    else:
+        from jouleswarm.report.exported import write_tables
+
+        written = write_tables(run, folder, "parquet" if to is Target.PARQUET else "csv")
+    for path in written:
+        print(f"wrote {path}")
