@@ -18,7 +18,7 @@ class JouleSwarmError(Exception):
 
     exit_code = 1
     kind = "other"
-    """In JSON documents (docs/json.md)."""
+    """In JSON documents (docs/exit_codes.md)."""
 
 
 class ConfigurationError(JouleSwarmError):

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.common.options import SCENARIO_HELP, SetOption
+from jouleswarm.cli.options import ScenarioFile
+from jouleswarm.common.options import SetOption
 
 
 def calibrate(
     role: Annotated[str, typer.Option(help="Whose constants: robot (T_k, P_k) or datacenter (T_0, P_0, beta).")],
-    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)] = Path("quick"),
+    scenario: ScenarioFile = Path("quick"),
     device: Annotated[str, typer.Option(help="What computes: cpu or cuda.")] = "cpu",
     repeats: Annotated[int, typer.Option(min=3, help="Batch gradients to time, or more until 2 s are over.")] = 100,
     write: Annotated[

@@ -1,4 +1,4 @@
-"""`--json`: one document on standard output and nothing else there, errors included (docs/json.md)."""
+"""`--json`: one document on standard output and nothing else there, errors included (docs/exit_codes.md)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SCHEMA = 1
 """Of the documents: a higher one when a key goes or means something else; keys may be added."""
 
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document and nothing else, an error too (docs/json.md).")
+    bool, typer.Option("--json", help="Print one JSON document and nothing else, an error too (docs/exit_codes.md).")
 ]
 
 

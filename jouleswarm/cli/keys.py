@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.common.options import SCENARIO_HELP, SetOption
+from jouleswarm.cli.options import ScenarioFile
+from jouleswarm.common.options import SetOption
 
 keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
 
@@ -19,7 +20,7 @@ def _group() -> None:
 
 @keys.command()
 def init(
-    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)],
+    scenario: ScenarioFile,
     out: Annotated[Path, typer.Option(help="The folder to make; it must not be there yet.")] = Path("keys"),
     hosts: Annotated[
         str, typer.Option(help="Host names and addresses that clients reach the broker by, with commas between.")

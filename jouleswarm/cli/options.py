@@ -10,7 +10,18 @@ import typer
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.options import SCENARIO_HELP
 
-ScenarioFile = Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """What a shell offers for a scenario: names of those that come with the package, files and folders."""
+    from jouleswarm.common.scenario.reading import scenario_names
+
+    found = [*Path().glob(f"{incomplete}*.toml"), *(each for each in Path().glob(f"{incomplete}*/") if each.is_dir())]
+    files = [f"{each}/" if each.is_dir() else str(each) for each in sorted(found)]
+    return [name for name in scenario_names() if name.startswith(incomplete)] + files
+
+
+SCENARIO = typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP, autocompletion=complete_scenario)
+ScenarioFile = Annotated[Path, SCENARIO]
 Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
 RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]

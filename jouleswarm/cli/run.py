@@ -10,6 +10,7 @@ from rich.console import Console
 
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
+    SCENARIO,
     Dry,
     Durable,
     EnergyFile,
@@ -25,7 +26,7 @@ from jouleswarm.cli.options import (
     Seed,
     overrides,
 )
-from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 if TYPE_CHECKING:
     from jouleswarm.fleet.recording import Viewing
@@ -51,10 +52,7 @@ def _viewing(metrics_port: int | None) -> Viewing:
 
 
 def run(
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP),
-    ] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,

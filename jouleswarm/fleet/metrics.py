@@ -55,34 +55,36 @@ class _Both:
 
 
 def with_metrics(port: int, viewing: Viewing | None) -> Viewing:
-    """A view that serves metrics too, on 127.0.0.1.
+    """A view that serves metrics too, on 127.0.0.1; whoever looks before the run begins finds none.
 
     Raises:
-        ConfigurationError: when it is begun: the port is in use.
+        ConfigurationError: the port is in use.
     """
-    return partial(_served, port, viewing)
-
-
-@contextlib.contextmanager
-def _served(
-    port: int, viewing: Viewing | None, console: Console, scenario: Scenario, recorder: Recorder
-) -> Iterator[View]:
-    metrics, registry = Metrics(scenario, recorder), CollectorRegistry()
-    registry.register(metrics)
+    registry = CollectorRegistry()
     try:
-        server, thread = start_http_server(port, addr=_HOST, registry=registry)
+        server, _ = start_http_server(port, addr=_HOST, registry=registry)
     except OSError as error:
         raise ConfigurationError(
             f"--metrics-port {port}: {error.strerror}; name another, or 0 for a free one"
         ) from error
-    console.print(f"metrics http://{_HOST}:{server.server_port}/metrics", highlight=False, soft_wrap=True)
-    try:
-        with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
-            yield _Both(metrics, view)
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    return partial(_served, registry, server.server_port, viewing)
+
+
+@contextlib.contextmanager
+def _served(
+    registry: CollectorRegistry,
+    port: int,
+    viewing: Viewing | None,
+    console: Console,
+    scenario: Scenario,
+    recorder: Recorder,
+) -> Iterator[View]:
+    metrics = Metrics(scenario, recorder)
+    registry.register(metrics)
+    console.print(f"metrics of the run http://{_HOST}:{port}/metrics", highlight=False, soft_wrap=True)
+    with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
+        yield _Both(metrics, view)
+    metrics.update()
 
 
 def _families(scenario: Scenario, recorder: Recorder) -> Iterator[Metric]:

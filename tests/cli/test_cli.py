@@ -2,34 +2,17 @@
 
 import json
 import resource
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from jouleswarm.cli import main as cli
 from jouleswarm.runs.summary import summarise
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
 Call = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def jouleswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Calls `jouleswarm ...`; returns exit code, stdout, stderr."""
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["jouleswarm", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        code = ended.value.code
-        out, err = capsys.readouterr()
-        return (code if isinstance(code, int) else 0), out, err
-
-    return call
 
 
 def toy_with(folder: Path, old: str, new: str) -> Path:
