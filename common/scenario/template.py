@@ -39,17 +39,18 @@ def template(name: str) -> str:
         model = section_of(info.annotation)
         if model is not None and info.annotation == model:
             tables[field] = model
-    parts = [_HEAD.format(name=name), *_fields(Scenario, given)]
+    parts = [_HEAD.format(name=name), *_fields(Scenario, given, {})]
     for table, model in tables.items():
-        parts += [f"\n[{table}]\n", *_fields(model, given.get(table, {}))]
+        parts += [f"\n[{table}]\n", *_fields(model, given.get(table, {}), factory.defaults.get(table, {}))]
     return "".join([*parts, _TASKS, *_tasks(given["tasks"])])
 
 
-def _fields(model: type[BaseModel], given: Mapping[str, Any]) -> Iterator[str]:
+def _fields(model: type[BaseModel], given: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[str]:
     for name, field in model.model_fields.items():
         if section_of(field.annotation) is not None:
             continue
-        value = given.get(name, None if field.is_required() else field.get_default(call_default_factory=True))
+        plain = None if field.is_required() else field.get_default(call_default_factory=True)
+        value = given.get(name, defaults.get(name, plain))
         unset = " (unset)" if value is None else ""
         lines = textwrap.wrap(f"{name}{unset}: {field.description}", _WIDTH)
         yield "".join(f"## {line}\n" for line in lines)
