@@ -30,7 +30,7 @@ def test_the_template_is_the_toy_and_its_comments_are_the_defaults() -> None:
 
 
 def test_the_shelf_has_the_packages_scenarios_and_those_of_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(template("mine"))
+    (tmp_path / "mine.toml").write_text("#:schema ./scenario.schema.json\n" + template("mine"))
     (tmp_path / "bare.toml").write_text('name = "bare"\n[[tasks]]\nid = 1\n')
     (tmp_path / "energy.toml").write_text("[energy]\npue = 1.5\n")
     (tmp_path / "torn.toml").write_text("[")
