@@ -11,6 +11,7 @@ from rich.console import Console
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
     SCENARIO,
+    Details,
     Dry,
     Durable,
     EnergyFile,
@@ -32,13 +33,12 @@ if TYPE_CHECKING:
     from jouleswarm.fleet.recording import Viewing
 
 
-def _present(path: Path, figures: bool) -> None:
+def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
-        print_bill(path, html=figures, figures=figures)
-        print(f"run directory: {path}")
+        print_bill(path, details=details, html=figures, figures=figures)
 
 
 def _viewing(metrics_port: int | None) -> Viewing:
@@ -72,6 +72,7 @@ def run(
     rounds: Rounds = None,
     keep_state: KeepState = False,
     metrics_port: MetricsPort = None,
+    details: Details = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -95,11 +96,11 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures)
+        _present(resume_deployment(resume, Console(), started, more), figures, details)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
+    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures, details)
 
 
 def validate(
@@ -137,6 +138,7 @@ def record(
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
     metrics_port: MetricsPort = None,
+    details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
 
@@ -148,4 +150,4 @@ def record(
 
     settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
     path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
-    _present(path, figures)
+    _present(path, figures, details)
