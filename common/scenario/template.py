@@ -33,6 +33,7 @@ _TASKS = """
 def template(name: str) -> str:
     """A file's text: the shipped toy's values, and all other fields as comments; `name` is the scenario's."""
     given = parse_toml((SCENARIOS / f"{_BASE}.toml").read_text(encoding="utf-8")) | {"name": name}
+    given.pop("note", None)  # of the toy alone
     factory: Any = factory_of(LANDMARKS, None)
     tables: dict[str, Any] = dict(factory.sections)
     for field, info in Scenario.model_fields.items():

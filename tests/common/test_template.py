@@ -23,7 +23,7 @@ def test_the_template_is_the_toy_and_its_comments_are_the_defaults() -> None:
     text = template("mine")
     mine = scenario_from(parse_toml(text), "mine")
     toy = scenario_from(parse_toml((SCENARIOS / "toy.toml").read_text()), "toy")
-    assert mine.model_dump() == toy.model_dump() | {"name": "mine"}
+    assert mine.model_dump() == toy.model_dump() | {"name": "mine", "note": ""}
     uncommented = re.sub(r"^# (?=\w+ = )", "", text, flags=re.M)
     assert uncommented.count("\n# ") < 5  # of its head
     assert scenario_from(parse_toml(uncommented), "mine").model_dump() == mine.model_dump()
