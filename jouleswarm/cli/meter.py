@@ -25,6 +25,11 @@ def proxy(
         Path | None, typer.Option(metavar="FILE", help="Certificate (PEM) to show to clients: TLS ends here.")
     ] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE", help="Its private key (PEM).")] = None,
+    energy: EnergyFile = None,
+    set_: EnergyOption = None,
+    window: Annotated[
+        float, typer.Option(metavar="SECONDS", min=2, max=86400, help="Counts by time are kept for windows so long.")
+    ] = 60,
     ca: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CA (PEM) to trust the broker by; default: the system's.")
     ] = None,
@@ -39,36 +44,35 @@ def proxy(
     Then have your clients connect to the proxy in place of the broker:
         jouleswarm meter proxy --to mqtt://127.0.0.1:1883 --links links.toml
         mosquitto_pub -p 1884 -t fed/1/robot-3/up -m hello
-    Ctrl-C ends it, shows what was counted, and leaves RUN/meter.jsonl and RUN/bill.csv:
-        jouleswarm bill runs/RUN/bill.csv
+    Ctrl-C ends it and shows the bill of what was counted. What it leaves is a run directory:
+        jouleswarm report runs/RUN --set energy.ul_bit_per_j=500e3
 
     Bytes are passed on as they come, and only counted: a stream that is not MQTT goes through as it is, and is counted
     as such. What no rule matches is counted as `other`. docs/meter.md has all that a rule can say.
     """
     import asyncio
 
-    from rich.console import Console
-
     from jouleswarm.common.bus.address import parse_url
-    from jouleswarm.common.wire.rules import read_rules
+    from jouleswarm.common.disk.lock import Lock
+    from jouleswarm.metering.directory import Directory, folder_of
     from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
-    from jouleswarm.metering.serve import make_folder, parse_listen, serve
+    from jouleswarm.metering.recorder import Recorder
+    from jouleswarm.metering.serve import parse_listen, serve
     from jouleswarm.metering.tally import Tally
-    from jouleswarm.metering.written import unmatched
-    from jouleswarm.report.metered import metered_table
-    from jouleswarm.report.table import show
+    from jouleswarm.report.report import report
 
-    where, broker, rules = parse_listen(listen), without_user(parse_url(to)), read_rules(links)
+    where, broker = parse_listen(listen), without_user(parse_url(to))
     made = Proxy(broker, Tally(), server_tls(cert, key), client_tls(broker, ca))
-    folder = make_folder(out, run_id, links)
+    folder = folder_of(out, run_id)
+    with Lock(folder, "jouleswarm meter proxy"):
+        directory = Directory(folder, links, energy, set_ or (), {"broker": {"embedded": False, "url": str(broker)}})
 
-    def tell(port: int) -> None:
-        typer.echo(f"listening on {where[0] or ''}:{port} for {broker}; Ctrl-C ends, counts go to {folder}")
+        def tell(port: int) -> None:
+            typer.echo(f"listening on {where[0] or ''}:{port} for {broker}; Ctrl-C ends, counts go to {folder}")
 
-    rows = asyncio.run(serve(made, where, folder, rules, tell))
-    never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
-    show(metered_table(rows, never), Console())
-    typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")
+        asyncio.run(serve(made, where, Recorder(directory, made.tally.counts, window), tell))
+    report(folder, html=True)
+    typer.echo(f"run directory: {folder}")
 
 
 @meter.command()
@@ -76,6 +80,9 @@ def watch(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="What `jouleswarm meter proxy` writes to.")],
     energy: EnergyFile = None,
     set_: EnergyOption = None,
+    by: Annotated[
+        str | None, typer.Option(metavar="WHAT", help="client, phase, or a label of the rules: +round.")
+    ] = None,
     once: Annotated[bool, typer.Option("--once", help="Show it once, and end.")] = False,
 ) -> None:
     """Show who moves most, by link and topic, and what it costs; anew every two seconds, until Ctrl-C.
@@ -84,7 +91,8 @@ def watch(
     Dearest first, at the paper's prices or at your own:
         jouleswarm meter watch runs/RUN
         jouleswarm meter watch runs/RUN --set energy.ul_bit_per_j=500e3
+        jouleswarm meter watch runs/RUN --by +round
     """
     from jouleswarm.report.metered import watch as show
 
-    show(folder, energy, set_ or (), once=once)
+    show(folder, energy, set_ or (), by=by, once=once)
