@@ -39,7 +39,7 @@ class Recorder:
         """
         self._directory, self._counts, self._told = directory, counts, told
         self._windows = Windows(time.time(), window_s)
-        self._before: tuple[Mapping[Key, Counts], int] | None = None
+        self._before: tuple[Mapping[Key, Counts], Sequence[Told]] | None = None
 
     async def record(self, stop: asyncio.Event) -> None:
         """Write until then."""
@@ -63,7 +63,7 @@ class Recorder:
     async def _write(self) -> None:
         """If there is anything new."""
         counts, told = self._counts(), self._told()
-        if (now := (counts, len(told))) == self._before:
+        if (now := (counts, told)) == self._before:
             return
         rows = rows_of(counts, self._directory.rules)
         self._windows.add(time.time(), rows)

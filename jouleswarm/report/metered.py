@@ -14,12 +14,11 @@ from rich import live
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import Override, energy_file
 from jouleswarm.common.scenario.tariff import Tariff
-from jouleswarm.energy.calculator import facts_of
-from jouleswarm.energy.prices import price, price_lists
-from jouleswarm.energy.rows import read_rows
+from jouleswarm.energy.prices import price_lists
+from jouleswarm.metering.cost import Cost, cost_of
 from jouleswarm.metering.metered import Metered, load_metered
 from jouleswarm.metering.tally import Row
-from jouleswarm.metering.written import bill_rows, delivered_of, unmatched
+from jouleswarm.metering.written import unmatched
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.table import Cell, Table, terminal
 
@@ -30,27 +29,7 @@ _MOST_PRICED, _MOST_SHOWN, _WIDTH = 200, 20, 22
 _EVERY_S = 2.0
 _REST = "all others"
 
-Cost = Callable[[Sequence[Row]], float]
-"""Joules of some of a meter's rows, by themselves."""
 _Groups = Mapping[str, Sequence[Row]]
-
-
-def cost_of(metered: Metered, tariff: Tariff) -> Cost:
-    """By the tariff's first price list; what is computed is in none of the rows.
-
-    Raises (when it is called):
-        ConfigurationError: the tariff asks for what the rows don't tell, of who sent something say.
-    """
-    (prices, *_), delivered = price_lists(tariff), delivered_of(metered.rows)
-
-    def joules(rows: Sequence[Row]) -> float:
-        if not (counted := bill_rows(rows, metered.rules, metered.numbers, delivered)):
-            return 0.0
-        facts = facts_of(read_rows(counted), by_robot=tariff.is_by_robot).values()
-        bills = (price(prices, each, tariff.energy) for each in facts)
-        return sum(bill.total_j for bill in bills if bill is not None)
-
-    return joules
 
 
 def metered_tables(metered: Metered, tariff: Tariff) -> list[Table]:

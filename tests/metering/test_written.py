@@ -13,6 +13,7 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.fleet.deploy import resume_deployment
 from jouleswarm.metering.directory import BILL, MANIFEST, METER, SUMMARY, WINDOWS, Directory
+from jouleswarm.metering.exporter import MeterCollector
 from jouleswarm.metering.metered import Metered, load_metered
 from jouleswarm.metering.tally import Row, Tally, rows_of
 from jouleswarm.metering.windows import Windows
@@ -169,6 +170,19 @@ def test_it_is_an_ordinary_run_directory(left: Path, capsys: pytest.CaptureFixtu
     ]
     with pytest.raises(ConfigurationError, match="has no scenario"):
         _ = run.scenario
+
+
+def test_prometheus_has_bytes_and_joules_by_link_and_direction(left: Path) -> None:
+    held = {
+        (sample.name, *sample.labels.values()): sample.value
+        for metric in MeterCollector(lambda: load_metered(left)).collect()
+        for sample in metric.samples
+    }
+    assert held["jouleswarm_meter_messages_total", "uplink", "in"] == 2
+    assert held["jouleswarm_meter_payload_bytes_total", "downlink", "out"] == 5000
+    assert held["jouleswarm_meter_packet_bytes_total", "control_packets", "in"] == 14
+    assert held["jouleswarm_meter_joules_total", "downlink", "out"] == pytest.approx(5)
+    assert held["jouleswarm_meter_joules_total", "downlink", "in"] == 0
 
 
 def test_what_needs_rounds_is_refused_in_one_line(left: Path) -> None:
