@@ -39,9 +39,9 @@ def metered_tables(metered: Metered, tariff: Tariff) -> list[Table]:
     rows = _published(metered)
     by_rule = sorted(rows, key=lambda row: row.number or len(rows) + 1)
     told = [
-        Table("By link and rule", ("link: rule", *_HEADINGS), _cells(_grouped(by_rule, _rule), cost), _notes(metered)),
+        _table("By link and rule", "link: rule", _grouped(by_rule, _rule), cost)._replace(notes=_notes(metered)),
         *(_dearest(name, _grouped(rows, of), cost) for name, of in _sorts(rows).items()),
-        Table("By time", ("from (UTC)", *_HEADINGS), _cells(_by_time(metered), cost)),
+        _table("By time", "from (UTC)", _by_time(metered), cost),
     ]
     return [table for number, table in enumerate(told) if number == 0 or len(table.rows) > 1]
 
@@ -134,7 +134,7 @@ def _dearest(what: str, groups: _Groups, cost: Cost) -> Table:
     most = sorted(groups, key=lambda name: -sum(row.packet_bytes for row in groups[name]))
     shown = {name: groups[name] for name in sorted(most[:_MOST_SHOWN], key=lambda name: -cost(groups[name]))}
     rest = [row for name in most[_MOST_SHOWN:] for row in groups[name]]
-    return Table(f"By {what}", (what, *_HEADINGS), _cells(shown | ({_REST: rest} if rest else {}), cost))
+    return _table(f"By {what}", what, shown | ({_REST: rest} if rest else {}), cost)
 
 
 def _by_time(metered: Metered) -> dict[str, list[Row]]:
@@ -151,8 +151,10 @@ def _by_time(metered: Metered) -> dict[str, list[Row]]:
     return groups
 
 
-def _cells(groups: _Groups, cost: Cost) -> list[list[Cell]]:
-    return [[name, joules_text(cost(rows)), *_sums(rows)] for name, rows in groups.items()]
+def _table(title: str, what: str, groups: _Groups, cost: Cost) -> Table:
+    cells = [[name, joules_text(cost(rows)), *_sums(rows)] for name, rows in groups.items()]
+    told = len(_HEADINGS) + any(row.repeats for rows in groups.values() for row in rows)  # DUP where there are any
+    return Table(title, (what, *_HEADINGS)[:told], [row[:told] for row in cells])
 
 
 def _sums(rows: Sequence[Row]) -> Iterator[Cell]:
