@@ -14,7 +14,8 @@ from jouleswarm.common.bus.paho_client import name_of
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import Cell, Counters
 from jouleswarm.common.meter.meter import Direction, MeterRow, rows_of
-from jouleswarm.common.wire.topics import ROOT, Link, arm_of, link_of, run_of
+from jouleswarm.common.wire.links import link_of
+from jouleswarm.common.wire.topics import ROOT, Link, arm_of, run_of
 
 logger = logging.getLogger("broker")
 
