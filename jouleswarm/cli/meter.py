@@ -50,10 +50,10 @@ def proxy(
     from rich.console import Console
 
     from jouleswarm.common.bus.address import parse_url
+    from jouleswarm.common.meter.tally import Tally
     from jouleswarm.common.wire.rules import read_rules
     from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
     from jouleswarm.metering.serve import make_folder, parse_listen, serve
-    from jouleswarm.metering.tally import Tally
     from jouleswarm.metering.written import unmatched
     from jouleswarm.report.metered import metered_table
     from jouleswarm.report.table import show

@@ -14,10 +14,10 @@ from urllib.parse import urlsplit
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError, RunError, usable
 from jouleswarm.common.meter.counters import Counts, Key
+from jouleswarm.common.meter.tally import Row, rows_of
 from jouleswarm.common.wire.rules import Rule
 from jouleswarm.common.wire.topics import run_name
 from jouleswarm.metering.proxy import Proxy
-from jouleswarm.metering.tally import Row, rows_of
 from jouleswarm.metering.written import METER, RULES, write_rows
 
 _EVERY_S = 2.0

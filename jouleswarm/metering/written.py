@@ -12,9 +12,9 @@ from typing import Any
 
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.metering.tally import Row
 
 METER, BILL, RULES = "meter.jsonl", "bill.csv", "links.toml"
 _COLUMNS = ("arm", "phase", "robot", "to", "what", "value")

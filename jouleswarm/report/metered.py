@@ -8,13 +8,13 @@ from pathlib import Path
 
 from rich import live
 
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.tariff import Tariff, read_tariff
 from jouleswarm.common.wire.rules import Rule
 from jouleswarm.energy.calculator import facts_of
 from jouleswarm.energy.prices import price, price_lists
 from jouleswarm.energy.rows import read_rows
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.written import bill_rows, numbers_of, read_metered
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.table import Cell, Table, terminal

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.tally import Row, Tally, rows_of
 from jouleswarm.common.scenario.tariff import read_tariff
 from jouleswarm.common.wire.rules import Rule, read_rules
-from jouleswarm.metering.tally import Row, Tally, rows_of
 from jouleswarm.metering.written import BILL, METER, read_metered, unmatched, write_rows
 from jouleswarm.report.calculated import calculate
 from jouleswarm.report.metered import metered_table, watched_table
