@@ -55,7 +55,7 @@ def one_line_errors(name: str) -> Iterator[None]:
     raise SystemExit(code)
 
 
-def on_hangup(read_anew: Callable[[], None], end: Callable[[], None]) -> None:
+def on_hangup(read_anew: Callable[[], object], end: Callable[[], None]) -> None:
     """Have SIGHUP call `read_anew` in the running event loop; where the terminal was closed, `end`, unless ignored."""
     import asyncio  # which few processes need
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jouleswarm.cli.options import EnergyFile, EnergyOption, Out, RunId
+
+if TYPE_CHECKING:
+    from jouleswarm.common.meter.tally import Row
+    from jouleswarm.metering.serve import Recorder
+
+Links = Annotated[Path, typer.Option(metavar="FILE", help="Rules: topic filters and their links (TOML).")]
+Listen = Annotated[str, typer.Option(metavar="HOST:PORT", help="Where clients connect; :PORT is every address.")]
 
 meter = typer.Typer(no_args_is_help=True, help="Count the bytes of any MQTT application, to be priced in joules.")
 
@@ -15,10 +22,8 @@ meter = typer.Typer(no_args_is_help=True, help="Count the bytes of any MQTT appl
 @meter.command()
 def proxy(
     to: Annotated[str, typer.Option(metavar="URL", help="The broker: mqtt://HOST:PORT, or mqtts:// for TLS.")],
-    links: Annotated[Path, typer.Option(metavar="FILE", help="Rules: topic filters and their links (TOML).")],
-    listen: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Where clients connect; :PORT is every address.")
-    ] = "127.0.0.1:1884",
+    links: Links,
+    listen: Listen = "127.0.0.1:1884",
     out: Out = Path("runs"),
     run_id: RunId = None,
     cert: Annotated[
@@ -47,33 +52,89 @@ def proxy(
     """
     import asyncio
 
-    from rich.console import Console
-
     from jouleswarm.common.bus.address import parse_url
     from jouleswarm.common.meter.tally import Tally
-    from jouleswarm.common.wire.rules import read_rules
     from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
-    from jouleswarm.metering.serve import make_folder, parse_listen, serve
-    from jouleswarm.metering.written import unmatched
-    from jouleswarm.report.metered import metered_table
-    from jouleswarm.report.table import show
+    from jouleswarm.metering.serve import Recorder, make_folder, parse_listen, serve
 
-    where, broker, rules = parse_listen(listen), without_user(parse_url(to)), read_rules(links)
+    where, broker = parse_listen(listen), without_user(parse_url(to))
     made = Proxy(broker, Tally(), server_tls(cert, key), client_tls(broker, ca))
     folder = make_folder(out, run_id, links)
+    recorder = Recorder(folder, links, made.tally.counts)
 
     def tell(port: int) -> None:
         typer.echo(f"listening on {where[0] or ''}:{port} for {broker}; Ctrl-C ends, counts go to {folder}")
 
-    rows = asyncio.run(serve(made, where, folder, rules, tell))
-    never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
-    show(metered_table(rows, never), Console())
+    _show(links, folder, recorder, asyncio.run(serve(made, where, recorder, tell)))
+
+
+@meter.command()
+def serve(
+    links: Links,
+    listen: Listen = "127.0.0.1:1883",
+    out: Out = Path("runs"),
+    run_id: RunId = None,
+    options: Annotated[
+        list[str] | None, typer.Argument(metavar="-- OPTIONS", help="Of the broker, as `python -m broker --help` has.")
+    ] = None,
+) -> None:
+    """Be the broker of any MQTT 3.1.1 application, and meter all that passes.
+
+    \b
+    Say in links.toml which topics go over which link; the first rule that matches counts:
+        "fed/+round/+client/up" = { link = "uplink" }
+        "peers/+sender/#rest"   = [{ link = "uplink", receiver = "server*" }, { link = "sidelink" }]
+    Then start the broker, and have your clients connect to it:
+        jouleswarm meter serve --links links.toml
+        jouleswarm meter serve --links links.toml --listen :8883 -- --keys keys
+    Ctrl-C ends it, shows what was counted, and leaves RUN/meter.jsonl and RUN/bill.csv:
+        jouleswarm bill runs/RUN/bill.csv
+
+    SIGHUP has the rules read anew, for what was counted before too. Who sends and who receives is told by client id, or
+    by user where the broker has users (--keys). docs/meter.md has all that a rule can say.
+    """
+    import asyncio
+
+    from jouleswarm.fleet.meter_broker import MeterBroker, check_address, forget, meter_broker
+    from jouleswarm.metering.serve import Recorder, ending, make_folder, parse_listen
+
+    where = parse_listen(listen)
+    check_address(where)
+    folder = make_folder(out, run_id, links)
+
+    async def metered(broker: MeterBroker, recorder: Recorder) -> None:
+        def read_anew() -> None:
+            if recorder.read_rules():
+                broker.go_by(links)
+
+        await recorder.record(ending(read_anew), broker.check)
+
+    with meter_broker(folder, links, where, options or (), typer.echo) as broker:
+        metrics = f", metrics at {broker.metrics}" if broker.metrics else ""
+        typer.echo(f"broker at {broker.url}{metrics}; Ctrl-C ends, counts go to {folder}")
+        recorder = Recorder(folder, links, broker.counts)
+        asyncio.run(metered(broker, recorder))
+    rows = asyncio.run(recorder.end())
+    forget(folder)
+    _show(links, folder, recorder, rows)
+
+
+def _show(links: Path, folder: Path, recorder: Recorder, rows: list[Row]) -> None:
+    from rich.console import Console
+
+    from jouleswarm.metering.written import unmatched
+    from jouleswarm.report.metered import metered_table
+    from jouleswarm.report.table import show
+
+    never = unmatched(rows, recorder.rules)
+    told = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in never]
+    show(metered_table(rows, told), Console())
     typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")
 
 
 @meter.command()
 def watch(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="What `jouleswarm meter proxy` writes to.")],
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="What the meter writes to.")],
     energy: EnergyFile = None,
     set_: EnergyOption = None,
     once: Annotated[bool, typer.Option("--once", help="Show it once, and end.")] = False,

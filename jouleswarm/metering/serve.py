@@ -1,4 +1,4 @@
-"""A metering proxy from its start to its end: what `jouleswarm meter proxy` does."""
+"""A meter from its start to its end: what `jouleswarm meter proxy` and `meter serve` do."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -15,7 +15,8 @@ from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError, RunError, usable
 from jouleswarm.common.meter.counters import Counts, Key
 from jouleswarm.common.meter.tally import Row, rows_of
-from jouleswarm.common.wire.rules import Rule
+from jouleswarm.common.process import on_hangup
+from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.common.wire.topics import run_name
 from jouleswarm.metering.proxy import Proxy
 from jouleswarm.metering.written import METER, RULES, write_rows
@@ -42,8 +43,9 @@ def make_folder(out: Path, name: str | None, links: Path) -> Path:
     """A folder for what is metered, with the rules as they are now.
 
     Raises:
-        ConfigurationError: it holds counts already, or can't be made.
+        ConfigurationError: it holds counts already, or can't be made, or a rule can't be.
     """
+    read_rules(links)
     folder = out / run_name(name or f"meter-{datetime.now():%Y%m%d-%H%M%S}")
     with usable("output folder", folder):
         if (folder / METER).exists():
@@ -53,49 +55,75 @@ def make_folder(out: Path, name: str | None, links: Path) -> Path:
     return folder
 
 
+class Recorder:
+    """Writes down what a meter counts, every two seconds and at the end, in a thread: nothing waits for the disk."""
+
+    def __init__(self, folder: Path, links: Path, counts: Callable[[], Mapping[Key, Counts]]) -> None:
+        """`counts`: what has been counted by now."""
+        self._folder, self._links, self._counts = folder, links, counts
+        self.rules: Sequence[Rule] = read_rules(links)
+        self._before: Mapping[Key, Counts] | None = None
+
+    def read_rules(self) -> bool:
+        """Go by the file as it is now, for all that was counted, and say so; whether it can be."""
+        try:
+            self.rules = read_rules(self._links)
+        except ConfigurationError as error:
+            log.warning("%s; the rules before stay", error)
+            return False
+        write_whole(self._folder / RULES, self._links.read_bytes())
+        log.warning("%d rules of %s from now on", len(self.rules), self._links)
+        self._before = None
+        return True
+
+    async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
+        """Write until then; a full disk is no reason to cut anybody off. `check` raises an error where one is."""
+        while not stop.is_set():
+            check()
+            try:
+                if (counts := self._counts()) != self._before:
+                    await self._write(counts)
+                    self._before = counts
+            except RunError as error:
+                log.warning("%s; going on, and trying again", error)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), _EVERY_S)
+
+    async def end(self) -> list[Row]:
+        """Write what there is at the end, where that can't be is an error."""
+        return await self._write(self._counts())
+
+    async def _write(self, counts: Mapping[Key, Counts]) -> list[Row]:
+        rules = self.rules
+
+        def written() -> list[Row]:
+            rows = rows_of(counts, rules)
+            write_rows(self._folder, rows, rules)
+            return rows
+
+        return await asyncio.to_thread(written)
+
+
+def ending(read_anew: Callable[[], object]) -> asyncio.Event:
+    """Set by a signal to end; SIGHUP has the rules read anew."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    on_hangup(read_anew, stop.set)
+    return stop
+
+
 async def serve(
-    proxy: Proxy,
-    listen: tuple[str | None, int],
-    folder: Path,
-    rules: Sequence[Rule],
-    on_listening: Callable[[int], None],
+    proxy: Proxy, listen: tuple[str | None, int], recorder: Recorder, on_listening: Callable[[int], None]
 ) -> list[Row]:
-    """Meter until a signal to end; the files are written every two seconds and at the end. Gives the last rows.
+    """Have a proxy meter until a signal to end. Gives the last rows.
 
     Raises:
         RunError: it can't listen, or can't write.
     """
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = ending(recorder.read_rules)
     async with proxy.listening(*listen) as port:
         on_listening(port)
-        before: dict[Key, Counts] | None = None
-        while not stop.is_set():
-            if (counts := proxy.tally.counts()) != before:
-                before = counts
-                await _write_if_it_can(proxy, folder, rules)
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), _EVERY_S)
-    return await _write(proxy, folder, rules)
-
-
-async def _write_if_it_can(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> None:
-    """A full disk is no reason to cut anybody off; at the end it is an error."""
-    try:
-        await _write(proxy, folder, rules)
-    except RunError as error:
-        log.warning("%s; going on, and trying again", error)
-
-
-async def _write(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> list[Row]:
-    """In a thread, so that nothing waits for the disk."""
-    counts = proxy.tally.counts()
-
-    def written() -> list[Row]:
-        rows = rows_of(counts, rules)
-        write_rows(folder, rows, rules)
-        return rows
-
-    return await asyncio.to_thread(written)
+        await recorder.record(stop)
+    return await recorder.end()
