@@ -8,10 +8,10 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import JouleSwarmError, RunError
 from jouleswarm.common.meter.counters import Counts, Key
+from jouleswarm.common.meter.tally import rows_of
 from jouleswarm.metering.directory import Directory
-from jouleswarm.metering.tally import rows_of
 from jouleswarm.metering.windows import Windows
 from jouleswarm.metering.written import Told
 
@@ -41,9 +41,27 @@ class Recorder:
         self._windows = Windows(time.time(), window_s)
         self._before: tuple[Mapping[Key, Counts], Sequence[Told]] | None = None
 
-    async def record(self, stop: asyncio.Event) -> None:
-        """Write until then."""
+    def read_rules(self) -> bool:
+        """Go by the file of rules as it is now, for all that was counted, and say so; whether it can be.
+
+        Windows that were counted before stay as they are.
+        """
+        counts, rules = self._counts(), self._directory.rules
+        try:
+            self._directory.read_rules()
+        except JouleSwarmError as error:
+            log.warning("%s; the rules before stay", error)
+            return False
+        self._windows.add(time.time(), rows_of(counts, rules))
+        self._windows.begin_from(rows_of(counts, self._directory.rules))
+        log.warning("%d rules of %s from now on", len(self._directory.rules), self._directory.links)
+        self._before = None
+        return True
+
+    async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
+        """Write until then. `check` raises an error where one is."""
         while not stop.is_set():
+            check()
             try:
                 await self._write()
             except RunError as error:

@@ -12,12 +12,12 @@ from pathlib import Path
 from rich import live
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.reading import Override, energy_file
 from jouleswarm.common.scenario.tariff import Tariff
 from jouleswarm.energy.prices import price_lists
 from jouleswarm.metering.cost import Cost, cost_of
 from jouleswarm.metering.metered import Metered, load_metered
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.written import unmatched
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.table import Cell, Table, terminal
