@@ -13,6 +13,9 @@ from jouleswarm.common.wire.rules import OTHER, Rule, read_rules
 
 _ASSIGNED = "amqtt/"  # begins the ids that amqtt gives to clients without one, a new one at each connection
 
+_PUBLISH: Kind = "publish"
+_CONTROL: Kind = "control"
+
 
 class RuleKey(NamedTuple):
     """What the totals are kept by: of a kind, of a rule, one way."""
@@ -61,25 +64,25 @@ class RuleMeter:
     def cells(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], bool]:
         """Where to book the PUBLISH packets of a client on a topic, and whether they have a row of their own.
 
+        Without a topic, which no PUBLISH is: its packets of all other kinds.
+
         Raises:
             RunError: there is no space for it.
         """
-        client = self._name(client_id)
-        cell = self._tally.cell(client, topic, (direction, "publish"))
+        client, what = self._name(client_id), (direction, _PUBLISH if topic else _CONTROL)
+        cell = self._tally.cell(client, topic, what)
         assert cell is not None  # only repeats have none
-        if not self._tally.has(client, topic, (direction, "publish")):
-            return (cell, self._totals[RuleKey("overflow", direction)]), False
-        rule = rule_of(self._rules, topic, client, direction)
-        return (cell, self._totals[_key_of(rule, direction)]), True
+        if not (has_row := self._tally.has(client, topic, what)):
+            key = RuleKey("overflow", direction)
+        elif topic:
+            key = _key_of(rule_of(self._rules, topic, client, direction), direction)
+        else:
+            key = RuleKey("control", direction)
+        return (cell, self._totals[key]), has_row
 
     def repeated(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
         """Book, beside it, that a PUBLISH had DUP."""
         self._tally.count(self._name(client_id), topic, (direction, "repeat"), payload_bytes, packet_bytes)
-
-    def control(self, client_id: str, direction: Direction, packet_bytes: int) -> None:
-        """Book a packet that is no PUBLISH."""
-        self._tally.count(self._name(client_id), "", (direction, "control"), 0, packet_bytes)
-        self._totals[RuleKey("control", direction)].add(0, packet_bytes)
 
     def totals(self) -> dict[RuleKey, Counts]:
         """Messages, payload bytes and packet bytes of each rule, since it has been one."""

@@ -93,8 +93,7 @@ class BrokerMeter:
     def control(self, client_id: str, direction: Way, packet_bytes: int) -> None:
         """Book a packet that is no PUBLISH, received or written whole; only rules' counters have them."""
         if self.by_rule is not None:
-            with self._failing():
-                self.by_rule.control(client_id, direction, packet_bytes)
+            self.count(client_id, "", direction, 0, packet_bytes)
 
     def read_rules(self) -> int:
         """Have the rules as their file is now; their number. Raises ConfigurationError, and the old ones stay."""

@@ -62,7 +62,8 @@ def check_address(listen: tuple[str | None, int]) -> None:
     try:
         socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
     except OSError as error:
-        why = os.strerror(error.errno) if (error.errno or 0) > 0 else error  # below 0: of the name
+        number = error.errno or 0
+        why = os.strerror(number) if number > 0 else error  # below 0: of the name
         raise ConfigurationError(f"cannot listen on {host}:{port} ({why}); choose another --listen") from error
 
 
