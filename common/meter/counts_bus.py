@@ -47,7 +47,7 @@ class CountsBus:
         self._id, self._number, self._is_told = secrets.token_hex(8), 0, False
         self._unsent: list[tuple[mqtt.MQTTMessageInfo, Rows]] = []
         self._is_connected = threading.Event()
-        self._client = _client(self._address, f"{self._name}-{self._id}")
+        self._client = _client(self._address, f"{self._name}.{self._id[:8]}")
         self._client.on_connect = self._on_connect
         self._client.on_connect_fail = lambda *_: self._is_away("no connection")
         self._client.on_disconnect = lambda _client, _data, _flags, reason, _properties: self._is_away(str(reason))
