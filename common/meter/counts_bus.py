@@ -115,6 +115,7 @@ def hear(url: str, name: str, on_message: Callable[[bytes], None]) -> Callable[[
     """
     address = parse_url(url)
     client = _client(address, f"jouleswarm-facts-{name}", clean_session=False)
+    client.reconnect_delay_set(1, 1)  # so that it is there before those who send
 
     is_told, is_subscribed = threading.Event(), threading.Event()
 
