@@ -49,14 +49,16 @@ def proxy(
     """Meter what passes between clients and a broker that is not ours, whatever it is: MQTT 3.1, 3.1.1 and 5.
 
     \b
-    Say in links.toml which topics go over which link; the first rule that matches counts:
+    Say in links.toml which topics go over which link; the first rule that
+    matches counts:
         "fed/+round/+client/up" = { link = "uplink" }
         "fed/+round/model"      = { link = "downlink" }
         "peers/+sender/weights" = { link = "sidelink" }
     Then have your clients connect to the proxy in place of the broker:
         jouleswarm meter proxy --to mqtt://127.0.0.1:1883 --links links.toml
         mosquitto_pub -p 1884 -t fed/1/robot-3/up -m hello
-    Ctrl-C ends it and shows the bill of what was counted. What it leaves is a run directory:
+    Ctrl-C ends it and shows the bill of what was counted. What it leaves is
+    a run directory:
         jouleswarm report runs/RUN --set energy.ul_bit_per_j=500e3
 
     Bytes are passed on as they come, and only counted: a stream that is not MQTT goes through as it is, and is counted
@@ -105,13 +107,16 @@ def serve(
     """Be the broker of any MQTT 3.1.1 application, and meter all that passes.
 
     \b
-    Say in links.toml which topics go over which link; the first rule that matches counts:
+    Say in links.toml which topics go over which link; the first rule that
+    matches counts:
         "fed/+round/+client/up" = { link = "uplink" }
-        "peers/+sender/#rest"   = [{ link = "uplink", receiver = "server*" }, { link = "sidelink" }]
+        "peers/+sender/#rest"   = [{ link = "uplink", receiver = "server*" },
+                                   { link = "sidelink" }]
     Then start the broker, and have your clients connect to it:
         jouleswarm meter serve --links links.toml
-        jouleswarm meter serve --links links.toml --listen :8883 -- --keys keys
-    Ctrl-C ends it and shows the bill of what was counted. What it leaves is a run directory:
+        jouleswarm meter serve --links links.toml -- --keys keys
+    Ctrl-C ends it and shows the bill of what was counted. What it leaves is
+    a run directory:
         jouleswarm report runs/RUN --set energy.ul_bit_per_j=500e3
 
     SIGHUP has the rules read anew, for what was counted before too. Who sends and who receives is told by client id, or

@@ -164,6 +164,7 @@ def test_it_is_an_ordinary_run_directory(left: Path, capsys: pytest.CaptureFixtu
     run = Run(left)
     assert (run.status, len(run.rounds)) == ("complete", 0)
     assert run.meter.set_index(["client", "topic"]).at[("r2", "model"), "payload_bytes"] == 5000
+    assert run.windows.groupby("begin_s")["payload_bytes"].sum().to_dict() == {1000.0: 4407, 1060.0: 10_000}
     assert run.bill().at["fl", ("ml", "downlink")] == pytest.approx(5)
     assert run.bill(dl_bit_per_j=4e3).at["fl", ("ml", "downlink")] == pytest.approx(10)
     bill = calculate(left).bills
