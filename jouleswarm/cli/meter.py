@@ -20,6 +20,12 @@ Facts = Annotated[
     str | None,
     typer.Option(metavar="URL", help="Write down too what each `jouleswarm.Meter(broker=...)` tells there: mqtt://..."),
 ]
+FactsToo = Annotated[
+    bool, typer.Option("--facts", help="Write down too what each `jouleswarm.Meter(broker=...)` tells it.")
+]
+BrokerOptions = Annotated[
+    list[str] | None, typer.Argument(metavar="-- OPTIONS", help="Of the broker, as `python -m broker --help` has.")
+]
 MetricsPort = Annotated[int | None, typer.Option(min=0, max=65_535, help="Serve Prometheus metrics; 0: a free port.")]
 Certificate = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Certificate (PEM) to show to clients: TLS ends here.")
@@ -94,15 +100,11 @@ def serve(
     listen: Listen = "127.0.0.1:1883",
     out: Out = Path("runs"),
     run_id: RunId = None,
-    facts: Annotated[
-        bool, typer.Option("--facts", help="Write down too what each `jouleswarm.Meter(broker=...)` tells it.")
-    ] = False,
+    facts: FactsToo = False,
     energy: EnergyFile = None,
     set_: EnergyOption = None,
     window: Window = 60,
-    options: Annotated[
-        list[str] | None, typer.Argument(metavar="-- OPTIONS", help="Of the broker, as `python -m broker --help` has.")
-    ] = None,
+    options: BrokerOptions = None,
 ) -> None:
     """Be the broker of any MQTT 3.1.1 application, and meter all that passes.
 
