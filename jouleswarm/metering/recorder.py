@@ -17,6 +17,7 @@ from jouleswarm.metering.windows import Windows
 from jouleswarm.metering.written import Told
 
 _EVERY_S = 2.0
+_TIMES = 20  # as long as writing took, nothing is written: many rows must not hold the connections up
 
 log = logging.getLogger("jouleswarm.metering")
 
@@ -64,12 +65,15 @@ class Recorder:
 
     async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
         """Write until then. `check` raises an error where one is."""
+        due_s = 0.0
         while not stop.is_set():
             check()
-            try:
-                await self._write()
-            except RunError as error:
-                log.warning("%s; going on, and trying again", error)
+            if (begun_s := time.monotonic()) >= due_s:
+                try:
+                    await self._write()
+                except RunError as error:
+                    log.warning("%s; going on, and trying again", error)
+                due_s = time.monotonic() + _TIMES * (time.monotonic() - begun_s)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _EVERY_S)
 
