@@ -52,8 +52,8 @@ class Tally:
 
     def __init__(self, most_rows: int = MOST_ROWS, folder: Path | None = None) -> None:
         """`folder`: as of `Counters`, whose errors it has."""
-        self._held, self._most_rows = Counters(folder), most_rows
-        self._cells: dict[Key, Cell] = {}  # of those, what was counted in since the beginning: found at once
+        self._cells, self._most_rows = Counters(folder), most_rows
+        self._known: dict[Key, Cell] = {}  # with a row of their own: one look for each packet
 
     def cell(self, client: str, topic: str, what: What) -> Cell | None:
         """Where to book packets, or bytes of none; `what` is their direction and kind.
@@ -62,32 +62,31 @@ class Tally:
         """
         direction, kind = what
         key = client, topic, f"{direction} {kind}"
-        return self._cells.get(key) or self._new(key, what)
+        return self._known.get(key) or self._new(key, what)
 
     def count(self, client: str, topic: str, what: What, payload_bytes: int, packet_bytes: int) -> None:
         """Book one."""
-        if cell := self.cell(client, topic, what):
+        if (cell := self.cell(client, topic, what)) is not None:
             cell.add(payload_bytes, packet_bytes)
 
     def has(self, client: str, topic: str, what: What) -> bool:
         """Whether they have a row of their own."""
-        return (client, topic, " ".join(what)) in self._held
+        return (client, topic, " ".join(what)) in self._cells
+
+    def _new(self, key: Key, what: What) -> Cell | None:
+        (client, topic, _), (direction, kind) = key, what
+        if key not in self._cells:
+            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
+                return None  # it has overflowed
+            is_full = len(self._cells) >= self._most_rows and kind != "repeat"
+            if is_full or len(client) + len(topic) > _MOST_NAME:
+                return self._cells.cell(("", "", f"{direction} overflow"))
+        self._known[key] = self._cells.cell(key)
+        return self._known[key]
 
     def counts(self) -> dict[Key, Counts]:
         """What has been counted by now, in the order of the keys."""
-        return dict(self._held.items())
-
-    def _new(self, key: Key, what: What) -> Cell | None:
-        """The cell of a key that has not been counted in; None: of a repeat whose first message has overflowed."""
-        (client, topic, _), (direction, kind) = key, what
-        if key not in self._held:
-            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._held:
-                return None
-            is_full = len(self._held) >= self._most_rows and kind != "repeat"
-            if is_full or len(client) + len(topic) > _MOST_NAME:
-                key = "", "", f"{direction} overflow"
-        found = self._cells[key] = self._held.cell(key)
-        return found
+        return dict(self._cells.items())
 
 
 def rows_of(counts: Mapping[Key, Counts], rules: Sequence[Rule]) -> list[Row]:

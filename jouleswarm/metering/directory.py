@@ -108,9 +108,8 @@ class Directory:
         Raises:
             RunError: it can't be written.
         """
-        self._whole(
-            METER, "".join(json.dumps(vars(row)) + "\n" for row in rows)
-        )  # asdict copies deeply, ten times as long
+        # Not asdict, which copies deeply, ten times as long.
+        self._whole(METER, "".join(json.dumps(vars(row)) + "\n" for row in rows))
         self._whole(WINDOWS, "".join(map(_window_lines, windows)))
         if told:
             self._whole(FACTS, "".join(json.dumps(each) + "\n" for each in told))

@@ -23,7 +23,10 @@ log = logging.getLogger("jouleswarm.metering")
 
 
 class Recorder:
-    """Every two seconds, and at the end; a full disk is no reason to cut anybody off, but at the end it is an error."""
+    """Every two seconds, less often where that takes long, and at the end.
+
+    A full disk is no reason to cut anybody off; at the end it is an error.
+    """
 
     def __init__(
         self,
