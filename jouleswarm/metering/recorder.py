@@ -68,16 +68,17 @@ class Recorder:
 
     async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
         """Write until then. `check` raises an error where one is."""
-        loop = asyncio.get_running_loop()
+        due_s = 0.0
         while not stop.is_set():
             check()
-            begun_s = loop.time()
-            try:
-                await self._write()
-            except RunError as error:
-                log.warning("%s; going on, and trying again", error)
+            if (begun_s := time.monotonic()) >= due_s:
+                try:
+                    await self._write()
+                except RunError as error:
+                    log.warning("%s; going on, and trying again", error)
+                due_s = time.monotonic() + _TIMES * (time.monotonic() - begun_s)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), max(_EVERY_S, _TIMES * (loop.time() - begun_s)))
+                await asyncio.wait_for(stop.wait(), _EVERY_S)
 
     async def end(self) -> None:
         """Write what is left, and that this is all.
