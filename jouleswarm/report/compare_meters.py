@@ -86,7 +86,10 @@ def meters_lines(found: MetersCompared) -> Iterator[str]:
         yield f"{letter}: {each.path} (metered since {each.manifest['started']}, {each.status})"
     yield "Their rules and prices differ in:" if found.differences else "Their rules and prices are the same."
     for name, values in found.differences.items():
-        told = (f"{letter} {'none' if value is None else value}" for letter, value in zip(found.letters, values, strict=True))
+        told = (
+            f"{letter} {'none' if value is None else value}"
+            for letter, value in zip(found.letters, values, strict=True)
+        )
         yield f"  {name}: {', '.join(told)}"
 
 

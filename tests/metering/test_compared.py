@@ -66,22 +66,14 @@ def test_two_meters_are_compared_by_link_with_what_differs_in_rules_and_prices(b
     assert "rule model: A downlink, fl, B control, fl" in shown
 
 
-def test_a_meter_and_a_run_are_not_compared(both: list[str], tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    run.mkdir()
-    (run / "manifest.json").write_text("{}")
-    done = jouleswarm("compare", both[0], str(run))
-    assert done.exit_code != 0
-
-
 def test_a_meters_counts_are_exported_as_tables_and_reported_as_plain_data(both: list[str], tmp_path: Path) -> None:
     done = jouleswarm("export", both[0], "--to", "csv", "--out", str(tmp_path / "out"))
     assert done.exit_code == 0, done.output
     meter = pd.read_csv(tmp_path / "out" / "json" / "meter.csv")
     assert meter[["client", "topic", "link", "messages", "payload_bytes"]].to_numpy().tolist() == [
-        ["r1", "up", "uplink", 2, 2000],
         ["r1", "model", "downlink", 1, 4000],
+        ["r1", "up", "uplink", 2, 2000],
     ]
     found = json.loads(jouleswarm("report", both[0], "--json").output)
-    assert found["bill"]["arms"]["all"]["counts"]["fl"]["uplink_bytes"] == 2000
+    assert found["bill"]["arms"]["experiment"]["counts"]["fl"]["uplink_bytes"] == 2000
     assert found["tables"][0]["rows"][0]["link: rule"] == "uplink: up"
