@@ -6,10 +6,6 @@ Nothing of our world is in it, and importing it loads no library (docs/meter_pyt
 from __future__ import annotations
 
 import atexit
-import csv
-import errno
-import fcntl
-import io
 import os
 import threading
 import time
@@ -22,12 +18,11 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import Cell, Key
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor
+from jouleswarm.common.meter.table import DATA_CENTER, append, check_word
 
-COLUMNS = ("arm", "phase", "task", "robot", "to", "what", "value", "end", "activity", "round", "how")
-_HEAD = f"{','.join(COLUMNS)}\n".encode()
 _FLUSH_S = 1.0
 _N = 1_000_000_000
-_SERVER, _CENTER = "server", "datacenter"  # as callers and as bills call it
+_SERVER = "server"  # as callers call it
 _ROLES = {  # (link, end) -> whose meter may say so
     ("uplink", "sent"): "robot",
     ("uplink", "received"): "server",
@@ -75,15 +70,15 @@ class Meter:
         """
         if role not in ("robot", _SERVER):
             raise ConfigurationError(f"meter {name}: role {role!r}, expected 'robot' or 'server'")
-        if role == "robot" and name in (_SERVER, _CENTER):
+        if role == "robot" and name in (_SERVER, DATA_CENTER):
             raise ConfigurationError(f"meter {name}: a robot's name, expected another one, or role='server'")
-        _check_word(name)
-        _check_word(arm or "arm")
+        check_word(name)
+        check_word(arm or "arm")
         self.name, self.role, self.file = name, role, Path(file).absolute()
         self._place, self._rated, self._gpu_uuid = (arm, stage, "" if task is None else str(task)), rated, gpu_uuid
         self._begin()
         try:
-            self._append([])
+            append(self.file, [])
         except OSError as error:
             raise ConfigurationError(f"meter {name}: cannot write {self.file} ({error.strerror})") from error
         atexit.register(self.flush)
@@ -105,7 +100,7 @@ class Meter:
         Raises:
             ConfigurationError: another thread has a phase open, or the name cannot stand in the file.
         """
-        _check_word(name)
+        check_word(name)
         before = self._go((name, "" if round is None else str(round)), 1)
         try:
             yield
@@ -140,7 +135,7 @@ class Meter:
         """
         with self._lock:
             self._energy.settle()
-            self._append([*self._counted(), *self._measured()])
+            append(self.file, [*self._counted(), *self._measured()])
             self._sums, self._drawn, self._flushed_s = {}, {}, time.monotonic()
 
     def close(self) -> None:
@@ -178,7 +173,7 @@ class Meter:
             held[1] += amount
 
     def _check(self, link: str, end: str, other: str) -> None:
-        _check_word(other)
+        check_word(other)
         if _ROLES.get((link, end)) != self.role:
             ways = [each for (each, way), role in _ROLES.items() if (way, role) == (end, self.role)]
             raise ConfigurationError(f"meter {self.name}: a {self.role} has {end} {link}, expected {' or '.join(ways)}")
@@ -187,7 +182,7 @@ class Meter:
             raise ConfigurationError(f"meter {self.name}: {end} {link} without {word}=, expected a client's name")
 
     def _counted(self) -> Iterator[tuple[object, ...]]:
-        me = self.name if self.role == "robot" else _CENTER
+        me = self.name if self.role == "robot" else DATA_CENTER
         for (what, end, other, (activity, round_)), (messages, amount) in self._sums.items():
             robot, to = me, ""
             if what == "sidelink":
@@ -199,28 +194,10 @@ class Meter:
                 yield (*self._place, robot, to, word, value, end, activity, round_, "")
 
     def _measured(self) -> Iterator[tuple[object, ...]]:
-        me = self.name if self.role == "robot" else _CENTER
+        me = self.name if self.role == "robot" else DATA_CENTER
         for (_, where, _), cell in self._drawn.items():
             activity, round_, _, how = where.rsplit("/", 3)
             told = {"seconds": cell.messages, "cpu_s": cell.packet_bytes} if how != NVML else {}
             for what, value in (told | {"joules": cell.payload_bytes}).items():
                 label = how if what == "joules" else ""
                 yield (*self._place, me, "", what, f"{value / _N:.9f}", "", activity, round_, label)
-
-    def _append(self, rows: list[tuple[object, ...]]) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        with self.file.open("a+b", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            file.seek(0)
-            if (head := file.read(len(_HEAD))) not in (b"", _HEAD):
-                raise ConfigurationError(f"meter {self.name}: {self.file} is not a meter's file, expected a new one")
-            data, size = (b"" if head else _HEAD) + text.getvalue().encode(), file.seek(0, os.SEEK_END)
-            if file.write(data) != len(data):  # a full disk: rather no rows than half of one
-                file.truncate(size)
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.file))
-
-
-def _check_word(word: str) -> None:
-    if not 0 < len(word) <= 100 or not word.isprintable() or word.strip(" #") != word:
-        raise ConfigurationError(f"meter: name {word!r:.120}, expected 1 to 100 printable letters without # at an end")
