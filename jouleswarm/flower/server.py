@@ -88,7 +88,12 @@ class MeteredGrid:
         replies = list(self._inner.send_and_receive(messages, timeout=timeout))
         self._sent(messages)
         self._received(replies)
-        self.flush()
+        try:
+            self.flush()
+        except OSError as error:  # the run is worth more than its counts
+            log.warning(
+                "jouleswarm: %s cannot be written (%s), tried again later", self.folder / COUNTS, error.strerror
+            )
         return replies
 
     def push_messages(self, messages: Iterable[Message]) -> Iterable[str]:
@@ -118,18 +123,17 @@ class MeteredGrid:
         self._rows = {}
 
     def _sent(self, messages: list[Message]) -> None:
-        shares: dict[int, Sizes] = {}
         for message in messages:  # after it went out, when it has its number
             of = message.metadata.message_type, _round(message)
             self._asked[message.metadata.message_id] = of
-            self._count(message.metadata.dst_node_id, "downlink", "sent", size_of(message, shares), of)
+            self._count(message.metadata.dst_node_id, "downlink", "sent", size_of(message), of)
 
     def _received(self, replies: list[Message]) -> None:
         for reply in replies:
-            of = self._asked.pop(reply.metadata.reply_to_message_id, (reply.metadata.message_type, _round(reply)))
+            of = self._asked.pop(reply.metadata.reply_to_message_id, ("", ""))
             record = reply.content.pop(RECORD, None) if reply.has_content() else None
             node = reply.metadata.src_node_id
-            self._count(node, "uplink", "received", size_of(reply, {}), of)
+            self._count(node, "uplink", "received", size_of(reply), of)
             if record is not None:
                 try:
                     name, told = read_record(record)
