@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +19,7 @@ from tests.test_layout import FLOORS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+OF_THE_SITE = {"index.md", "contributing.md", "changelog.md"}  # each is a page of the root, or leads there
 NAMES = {path.name for path in ROOT.iterdir()}
 
 by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -85,7 +88,19 @@ def test_what_is_not_there_is_found(tmp_path: Path) -> None:
 def test_the_readme_is_short_and_leads_to_every_page() -> None:
     text = (ROOT / "README.md").read_text()
     assert len(text.splitlines()) <= 150
-    assert {path.name for path in (ROOT / "docs").glob("*.md")} <= set(re.findall(r"docs/([\w-]+\.md)", text))
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} - OF_THE_SITE <= set(
+        re.findall(r"docs/([\w-]+\.md)", text)
+    )
+
+
+def test_the_site_is_built_with_every_page_and_no_link_that_leads_nowhere(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", "docs/site", "docs", tmp_path]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240)
+    assert (done.returncode, done.stderr) == (0, "")
+    first = (tmp_path / "index.html").read_text()
+    assert "What does this learning scheme cost in joules and bits, really?" in first
+    fetched = re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"(https?://[^\"]*)", first)
+    assert fetched == []  # a page works on a machine without a network
 
 
 def test_the_citation_is_of_this_version_and_of_the_paper() -> None:

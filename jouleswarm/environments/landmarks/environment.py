@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
-from weakref import WeakValueDictionary
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,18 +16,9 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.environments.landmarks.camera import Camera
+from jouleswarm.environments.landmarks.cameras import Frame, Frames, new_camera
 from jouleswarm.environments.landmarks.maps import Cell
-from jouleswarm.environments.landmarks.pictures import missing
-from jouleswarm.environments.landmarks.recorded import RecordedCamera
-from jouleswarm.environments.landmarks.settings import (
-    ACTION_NAMES,
-    CHANNELS,
-    camera_of,
-    shared_obstacles,
-    task_map,
-    world_of,
-)
+from jouleswarm.environments.landmarks.settings import ACTION_NAMES, CHANNELS, camera_of, task_map, world_of
 from jouleswarm.environments.landmarks.tasks import (
     ACTIONS,
     move,
@@ -38,43 +27,10 @@ from jouleswarm.environments.landmarks.tasks import (
     table_policy,
     task_table,
 )
+from jouleswarm.environments.landmarks.view import map_picture, side_by_side
+from jouleswarm.environments.landmarks.window import Window
 
-Frame = npt.NDArray[np.uint8]
 Info = dict[str, Any]
-
-
-class Frames(Protocol):
-    """Where frames come from; may be shared between environments of one thread."""
-
-    def frame(self, cell: Cell, rng: np.random.Generator) -> Frame:
-        """What the robot at `cell` sees: uint8 [height, width, 4], an array of its own."""
-
-
-class _InUse(threading.local):
-    def __init__(self) -> None:
-        self.cameras: WeakValueDictionary[object, Frames] = WeakValueDictionary()
-
-
-_in_use = _InUse()
-
-
-def new_camera(scenario: Scenario) -> Frames:
-    """The camera that a scenario asks for."""
-    world, settings = world_of(scenario), camera_of(scenario)
-    if settings.frames is not None:
-        if lacks := next(missing(Path(settings.frames), world.rows, world.cols), None):
-            raise ConfigurationError(lacks)
-        return RecordedCamera(settings, Path(settings.frames))
-    return Camera(world, settings, shared_obstacles(scenario))
-
-
-def camera_in_use(scenario: Scenario) -> Frames:
-    """A camera of this thread that another environment of the same world looks through, else a new one: its views
-    take much memory, and two of the same settings see the same."""
-    key = world_of(scenario), camera_of(scenario), shared_obstacles(scenario)
-    if (found := _in_use.cameras.get(key)) is None:
-        found = _in_use.cameras[key] = new_camera(scenario)
-    return found
 
 
 class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
@@ -95,7 +51,8 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
     Arguments:
         task: id of the scenario's task; default its first.
         scenario: a Scenario or a scenario file; default the paper's six tasks.
-        render_mode: None or "rgb_array" (the camera's newest picture).
+        render_mode: None, "rgb_array" (the camera's newest picture), "map" (the grid from above with path and walk) or
+            "human" (both, in a window that follows by itself; needs pygame: jouleswarm[render]).
         camera: another environment's `camera`, of the same scenario, to share its memory; in one thread only.
 
     Beside what Gymnasium asks for it offers all that a robot may ask of its environment (see
@@ -106,12 +63,13 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
             `reset` is not known.
         gymnasium.error.InvalidAction: an action that is none of the four.
         gymnasium.error.ResetNeeded: a motion before the first `reset`, or after an episode's end.
+        gymnasium.error.DependencyNotInstalled: "human" without pygame.
     """
 
     # Gymnasium declares this as an instance variable.
     metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
-        "render_fps": 1,
+        "render_modes": ["human", "rgb_array", "map"],
+        "render_fps": 4,
         "actions": ACTION_NAMES,
         "channels": CHANNELS,
     }
@@ -129,6 +87,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         if task not in ids:
             raise ConfigurationError(f"task {task} is not in scenario {scenario.name}, expected one of {ids}")
         self.render_mode = render_mode
+        self._window = Window(self.metadata["render_fps"]) if render_mode == "human" else None
         self.task_map = task_map(scenario, task)
         self.rewards = task_table(scenario, task)
         self._world, self._discount = world_of(scenario), scenario.learning.discount
@@ -168,8 +127,14 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         return self._look(), float(self.rewards[self._cell]), terminated, truncated, self._info()
 
     def render(self) -> Frame | None:
-        """The newest frame's picture, uint8 [height, width, 3]; a view, valid as long as the frame."""
+        """A picture, uint8 [height, width, 3]; of "rgb_array" a view, valid as long as the frame. None of "human"."""
+        if self.render_mode == "map":
+            return map_picture(self.task_map, self.rewards, self._walked)
         return self._frame[..., :3] if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        if self._window:
+            self._window.close()
 
     def state(self) -> dict[str, Any]:
         """Where the robot stands, as plain values; what `np_random` will draw and the newest frame are apart."""
@@ -207,6 +172,9 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
 
     def _look(self) -> Frame:
         self._frame = self.camera.frame(self._cell, self.np_random)
+        if self._window:
+            seen = map_picture(self.task_map, self.rewards, self._walked)
+            self._window.show(side_by_side(self._frame[..., :3], seen))
         return self._frame
 
     def _info(self) -> Info:

@@ -45,7 +45,8 @@ class Factory:
     def of_task(self, scenario: Scenario, task: int) -> gymnasium.Env[Any, Any]:
         """The environment of one task."""
         # A late import: settings are read by processes that never open an environment.
-        from jouleswarm.environments.landmarks.environment import LandmarksEnv, camera_in_use
+        from jouleswarm.environments.landmarks.cameras import camera_in_use
+        from jouleswarm.environments.landmarks.environment import LandmarksEnv
 
         return LandmarksEnv(task=task, scenario=scenario, camera=camera_in_use(scenario))
 

@@ -1,0 +1,55 @@
+"""Which camera a scenario's robots look through: a drawn world or recorded pictures; shared where it can be."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Protocol
+from weakref import WeakValueDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.environments.landmarks.camera import Camera
+from jouleswarm.environments.landmarks.maps import Cell
+from jouleswarm.environments.landmarks.pictures import missing
+from jouleswarm.environments.landmarks.recorded import RecordedCamera
+from jouleswarm.environments.landmarks.settings import camera_of, shared_obstacles, world_of
+
+Frame = npt.NDArray[np.uint8]
+
+
+class Frames(Protocol):
+    """Where frames come from; may be shared between environments of one thread."""
+
+    def frame(self, cell: Cell, rng: np.random.Generator) -> Frame:
+        """What the robot at `cell` sees: uint8 [height, width, 4], an array of its own."""
+
+
+class _InUse(threading.local):
+    def __init__(self) -> None:
+        self.cameras: WeakValueDictionary[object, Frames] = WeakValueDictionary()
+
+
+_in_use = _InUse()
+
+
+def new_camera(scenario: Scenario) -> Frames:
+    """The camera that a scenario asks for."""
+    world, settings = world_of(scenario), camera_of(scenario)
+    if settings.frames is not None:
+        if lacks := next(missing(Path(settings.frames), world.rows, world.cols), None):
+            raise ConfigurationError(lacks)
+        return RecordedCamera(settings, Path(settings.frames))
+    return Camera(world, settings, shared_obstacles(scenario))
+
+
+def camera_in_use(scenario: Scenario) -> Frames:
+    """A camera of this thread that another environment of the same world looks through, else a new one: its views
+    take much memory, and two of the same settings see the same."""
+    key = world_of(scenario), camera_of(scenario), shared_obstacles(scenario)
+    if (found := _in_use.cameras.get(key)) is None:
+        found = _in_use.cameras[key] = new_camera(scenario)
+    return found
