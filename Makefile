@@ -1,6 +1,6 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
-# make flower .venv-flower, where the tests marked flower run Flower (30 s, 550 MB); its versions of what we share are its own
+# make flower .venv-flower, where the tests marked flower run Flower (a minute, 530 MB)
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
 #

@@ -23,7 +23,7 @@ def size_of(message: Message) -> Sizes:
     """As Flower's `message_to_proto` makes it, which copies all arrays several times."""
     if not message.has_content():
         return Sizes(message_to_proto(message).ByteSize(), 0)
-    bare = ProtoMessage(metadata=metadata_to_proto(message.metadata)).ByteSize()
+    bare = int(ProtoMessage(metadata=metadata_to_proto(message.metadata)).ByteSize())
     content = _content_bytes(message.content)
     arrays = [each for record in message.content.array_records.values() for each in record.values()]
     return Sizes(bare + 1 + _varint(content) + content, sum(map(_elements, arrays)))
@@ -32,7 +32,7 @@ def size_of(message: Message) -> Sizes:
 def _elements(array: Array) -> int:
     """Bytes of its elements, without what Flower writes around them."""
     try:
-        return prod(array.shape) * np.dtype(array.dtype).itemsize
+        return int(prod(array.shape) * np.dtype(array.dtype).itemsize)
     except TypeError:  # no dtype of NumPy's: packed in some way of the app's own
         return len(array.data)
 
