@@ -47,7 +47,7 @@ def bill(
         return
     if not counts:
         raise typer.BadParameter("expected a file of counts, or --example")
-    found = calculate(counts, energy, set_ or ())
+    found = calculate(counts[0] if len(counts) == 1 else counts, energy, set_ or ())
     if as_json:
         print(json.dumps(document(found), indent=2))
     else:

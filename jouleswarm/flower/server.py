@@ -11,13 +11,13 @@ from typing import Any
 from flwr.app import Message
 
 from jouleswarm.common.errors import ConfigurationError, PayloadError
-from jouleswarm.common.meter.table import append, check_word
+from jouleswarm.common.meter.counts_file import check_word
 from jouleswarm.flower.client import RECORD, read_record
+from jouleswarm.flower.directory import Directory
 from jouleswarm.flower.sizes import Sizes, size_of
 
 log = logging.getLogger("flwr")
 
-COUNTS = "counts.csv"
 _Row = tuple[object, ...]
 
 
@@ -70,17 +70,12 @@ class MeteredGrid:
         """
         check_word(arm or "arm")
         self._inner, self._arm = inner, arm
-        self.folder = (out / f"flower-{inner.run.run_id}").absolute()
+        self._directory = Directory(out, str(inner.run.run_id))
         self._names: dict[int, str] = {}
         self._asked: dict[str, tuple[str, str]] = {}  # id of a message -> what it asks for, and in which round
         self._rows: dict[int, list[_Row]] = {}
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            append(self.folder / COUNTS, [])
-        except OSError as error:
-            raise ConfigurationError(f"metered: cannot write {self.folder} ({error.strerror})") from error
-        log.info("jouleswarm: what this run costs goes to %s", self.folder)
-        atexit.register(self.flush)
+        log.info("jouleswarm: what this run costs goes to %s", self._directory.path)
+        atexit.register(self.end)
 
     def send_and_receive(self, messages: Iterable[Message], *, timeout: float | None = None) -> Iterable[Message]:
         """As the grid inside."""
@@ -91,9 +86,7 @@ class MeteredGrid:
         try:
             self.flush()
         except OSError as error:  # the run is worth more than its counts
-            log.warning(
-                "jouleswarm: %s cannot be written (%s), tried again later", self.folder / COUNTS, error.strerror
-            )
+            log.warning("jouleswarm: %s cannot be written (%s), tried again later", error.filename, error.strerror)
         return replies
 
     def push_messages(self, messages: Iterable[Message]) -> Iterable[str]:
@@ -119,8 +112,17 @@ class MeteredGrid:
             OSError: it cannot be written; it stays for the next time.
         """
         named = ((self._names.get(node, f"node-{node}"), rows) for node, rows in self._rows.items())
-        append(self.folder / COUNTS, [(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
+        self._directory.add([(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
         self._rows = {}
+
+    def end(self) -> None:
+        """Write what is held, and that this is all.
+
+        Raises:
+            OSError, RunError: it cannot be written.
+        """
+        self.flush()
+        self._directory.end()
 
     def _sent(self, messages: list[Message]) -> None:
         for message in messages:  # after it went out, when it has its number

@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import signal
-from collections.abc import Callable, Sequence
-from datetime import datetime
-from pathlib import Path
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from jouleswarm.common.disk.files import write_whole
-from jouleswarm.common.errors import ConfigurationError, RunError, usable
-from jouleswarm.common.meter.counters import Counts, Key
-from jouleswarm.common.wire.rules import Rule
-from jouleswarm.common.wire.topics import run_name
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.metering.proxy import Proxy
-from jouleswarm.metering.tally import Row, rows_of
-from jouleswarm.metering.written import METER, RULES, write_rows
-
-_EVERY_S = 2.0
-
-log = logging.getLogger("jouleswarm.metering")
+from jouleswarm.metering.recorder import Recorder
 
 
 def parse_listen(text: str) -> tuple[str | None, int]:
@@ -38,29 +26,10 @@ def parse_listen(text: str) -> tuple[str | None, int]:
     raise ConfigurationError(f"--listen {text!r}: expected HOST:PORT, or :PORT for every address of this machine")
 
 
-def make_folder(out: Path, name: str | None, links: Path) -> Path:
-    """A folder for what is metered, with the rules as they are now.
-
-    Raises:
-        ConfigurationError: it holds counts already, or can't be made.
-    """
-    folder = out / run_name(name or f"meter-{datetime.now():%Y%m%d-%H%M%S}")
-    with usable("output folder", folder):
-        if (folder / METER).exists():
-            raise ConfigurationError(f"{folder} holds what was metered before, expected another --run-id or --out")
-        folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / RULES, links.read_bytes())
-    return folder
-
-
 async def serve(
-    proxy: Proxy,
-    listen: tuple[str | None, int],
-    folder: Path,
-    rules: Sequence[Rule],
-    on_listening: Callable[[int], None],
-) -> list[Row]:
-    """Meter until a signal to end; the files are written every two seconds and at the end. Gives the last rows.
+    proxy: Proxy, listen: tuple[str | None, int], recorder: Recorder, on_listening: Callable[[int], None]
+) -> None:
+    """Meter until a signal to end.
 
     Raises:
         RunError: it can't listen, or can't write.
@@ -71,31 +40,5 @@ async def serve(
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
     async with proxy.listening(*listen) as port:
         on_listening(port)
-        before: dict[Key, Counts] | None = None
-        while not stop.is_set():
-            if (counts := proxy.tally.counts()) != before:
-                before = counts
-                await _write_if_it_can(proxy, folder, rules)
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), _EVERY_S)
-    return await _write(proxy, folder, rules)
-
-
-async def _write_if_it_can(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> None:
-    """A full disk is no reason to cut anybody off; at the end it is an error."""
-    try:
-        await _write(proxy, folder, rules)
-    except RunError as error:
-        log.warning("%s; going on, and trying again", error)
-
-
-async def _write(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> list[Row]:
-    """In a thread, so that nothing waits for the disk."""
-    counts = proxy.tally.counts()
-
-    def written() -> list[Row]:
-        rows = rows_of(counts, rules)
-        write_rows(folder, rows, rules)
-        return rows
-
-    return await asyncio.to_thread(written)
+        await recorder.record(stop)
+    await recorder.end()

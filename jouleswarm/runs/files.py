@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.runs.directory import MANIFEST, SUMMARY
 from jouleswarm.runs.summary import SCHEMA
@@ -22,12 +22,18 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """The manifest of a run directory, of this version's schema.
 
     Raises:
+        ConfigurationError: it is of a directory of another kind.
         RunError: there is none, or it is damaged, or of another schema.
     """
     file = path / MANIFEST
     if not file.exists():
         raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
     manifest = read_json(file)
+    if kind := manifest.get("kind"):
+        raise ConfigurationError(
+            f"{path}: what a {kind} has counted, which has no rounds; expected what `jouleswarm run` or `record` wrote "
+            "(`jouleswarm report`, `bill` and `meter watch` take it)"
+        )
     if manifest.get("schema") != SCHEMA:
         other = other_version(manifest)
         raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))

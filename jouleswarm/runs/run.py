@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +15,14 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow, read_joules, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.reading import Override, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, price_lists
+from jouleswarm.energy.repricing import reprice
 from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import JOULES, MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
@@ -111,6 +112,14 @@ class Run:
         other = replace(self, scenario=scenario)
         vars(other).update({name: held for name, held in vars(self).items() if name in _NOT_OF_PRICES})
         return other
+
+    def priced(self, changes: Iterable[Override] = ()) -> tuple[Scenario, str]:
+        """Its scenario at prices with changes `energy.key=value`, and what these put into file names.
+
+        Raises:
+            ConfigurationError: no such price, or it can't be that.
+        """
+        return reprice(self.scenario, changes, str(self.path))
 
     @cached_property
     def misfits(self) -> tuple[Balance, ...]:
