@@ -50,7 +50,7 @@ def within(points: pd.DataFrame, budget: float, what: str = "joules") -> dict[st
 def _rows(run: Run, arm: str, energy: Energy, prices: PriceList) -> Iterator[list[Any]]:
     facts = run.facts[arm]
     learned = {result.task: result.learned for result in run.results[arm]}
-    rewards = _rewards(run, arm)
+    rewards = rewards_by_round(run, arm)
     for round_, here, done in curve(facts, learned):
         told = [
             reward for task in rewards if (reward := rewards[task].get(min(round_, max(rewards[task])))) is not None
@@ -85,7 +85,7 @@ def _spending(energy: Energy, prices: PriceList) -> tuple[Callable[[Facts], floa
     return joules, bits, seconds, gradients, motions
 
 
-def _rewards(run: Run, arm: str) -> dict[int, dict[int, float]]:
+def rewards_by_round(run: Run, arm: str) -> dict[int, dict[int, float]]:
     """Task -> round -> the cluster's R, the mean of its robots' where each has its own."""
     held: dict[int, dict[int, list[float]]] = {}
     for row in run.rows:

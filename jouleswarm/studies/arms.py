@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from statistics import fmean
+from typing import Literal, NamedTuple
 
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
@@ -14,6 +15,29 @@ Measure = Literal["rounds", "rounds_first", "rounds_w3"]
 MEASURES: tuple[Measure, ...] = ("rounds", "rounds_first", "rounds_w3")
 PLAIN = BASELINE
 """The arm without transfer."""
+
+
+class ArmOf(NamedTuple):
+    """An arm of one variant of a study."""
+
+    variant: str
+    arm: str
+    t0: int
+
+
+def arms_by_variant(facts: Iterable[Fact]) -> dict[str, list[ArmOf]]:
+    """Variants in the order of the facts, in each its arms, those of the smallest t0 first."""
+    found: dict[str, list[ArmOf]] = {}
+    for arm in dict.fromkeys(ArmOf(fact.variant, fact.arm, fact.t0) for fact in facts):
+        found.setdefault(arm.variant, []).append(arm)
+    return {variant: sorted(arms, key=lambda arm: arm.t0) for variant, arms in found.items()}
+
+
+def names_of(arms: Iterable[ArmOf]) -> dict[ArmOf, str]:
+    """Names of a variant's arms: `without` or `t0 = 42` where that tells them apart, else their own."""
+    held = list(arms)
+    apart = len({arm.t0 for arm in held}) == len(held) and all(arm.t0 or arm.arm == PLAIN for arm in held)
+    return {arm: (f"t0 = {arm.t0}" if arm.t0 else "without") if apart else arm.arm for arm in held}
 
 
 def arms_by_t0(facts: Iterable[Fact]) -> dict[int, str]:
@@ -51,3 +75,12 @@ def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[i
     held = [fact for fact in task_stages(facts) if (fact.variant, fact.arm) == (variant, arm)]
     held = [fact for fact in held if wanted is None or fact.task in wanted]
     return failures(held), len(held)
+
+
+def zero_shot_share(facts: Iterable[Fact]) -> float | None:
+    """Share of tasks that were learned before their first round; None where robots did not try before it, as in facts
+    from before evaluation's motions were noted."""
+    held = task_stages(facts)
+    if not held or any(fact.evaluation_motions is None for fact in held):
+        return None
+    return fmean(fact.learned and not fact.rounds for fact in held)

@@ -32,6 +32,7 @@ class Compared(NamedTuple):
     plain: list[Facts]
     seen: Collection[int]
     """Tasks that the stage was learned from."""
+    variant: str = ""
 
     def means(self, energy: Energy, prices: PriceList = literal) -> Savings | None:
         """Of the mean over seeds; None where the price list is not defined."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from statistics import fmean
@@ -11,6 +11,7 @@ from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.facts import STAGE, Facts, Phase
+from jouleswarm.runs.curves import rewards_by_round
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.facts import TaskResult
 from jouleswarm.runs.run import Run
@@ -86,6 +87,7 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
         rmse_m=result.rmse_m,
         **_counts(facts, "fl", result.task),
         seconds=_slowest_s(rows),
+        rewards=_rewards_text(rewards_by_round(run, arm.name).get(result.task, {})),
     )
 
 
@@ -98,6 +100,12 @@ def _counts(facts: Facts, phase: Phase, task: int) -> dict[str, float | None]:
         "evaluation_motions": None if phase == "fl" and not evaluating else evaluating,  # every round has an episode
     }
     return asdict(facts.parts[phase, task]) | acted
+
+
+def _rewards_text(told: Mapping[int, float]) -> str:
+    """R from round 0 on; none where a round did not tell it."""
+    rounds = sorted(told)
+    return " ".join(f"{told[round_]:.6g}" for round_ in rounds) if rounds == list(range(len(rounds))) else ""
 
 
 def _rewards(rows: Sequence[RoundRow]) -> list[list[float]]:

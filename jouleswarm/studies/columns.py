@@ -13,6 +13,7 @@ from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists
+from jouleswarm.studies.arms import zero_shot_share
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import cost_of, failures, moved_bytes, moved_motions, priced, runs_of, task_stages
@@ -122,6 +123,7 @@ def arm_columns(energy: Energy, lists: Sequence[PriceList]) -> list[Column]:
     return [
         Column("rounds", "rounds", 1, rounds_sum),
         Column("success", "learned (%)", 0.01, lambda run: 1 - failures(run) / len(task_stages(run))),
+        Column("zero_shot", "zero-shot (%)", 0.01, zero_shot_share),
         *cause_columns(energy, [cause for cause in CAUSES if cause in PAPER_CAUSES or _acting(energy).get(cause.key)]),
         *phase_columns(energy),
         *site_columns(energy),

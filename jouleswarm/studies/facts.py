@@ -63,6 +63,9 @@ class Fact(BaseModel):
     beta: float | None = None
     """Of the stage: beta of eq. (9) as it was measured, 1 where no gradient goes through one; None: it was not."""
 
+    rewards: str = ""
+    """R after each round from 0 on, with spaces between; "" of a stage, and in facts from before that was noted."""
+
     @property
     def counts(self) -> Counts:
         """What is priced."""
@@ -72,7 +75,7 @@ class Fact(BaseModel):
 COLUMNS = tuple(Fact.model_fields)
 _FIRST = COLUMNS.index("processor")
 """Facts from before one of these columns was noted end somewhere behind this many."""
-_TEXTS = ("variant", "processor")
+_TEXTS = ("variant", "processor", "rewards")
 
 
 def write_facts(path: Path, facts: Iterable[Fact]) -> None:

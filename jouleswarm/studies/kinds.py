@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from jouleswarm.common.errors import StudyError, usable
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
+from jouleswarm.studies.curves import curves_csv, curves_of
+from jouleswarm.studies.curves_figures import curves_figures
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
@@ -18,6 +20,7 @@ from jouleswarm.studies.names import StudyName
 from jouleswarm.studies.prices import with_motions
 from jouleswarm.studies.record import Record
 from jouleswarm.studies.uncertain import uncertain_csv, uncertain_markdown, uncertain_rows
+from jouleswarm.studies.why import against_plain, why_csv, why_figures, why_markdown
 
 _PNG_DPI = 200
 
@@ -53,9 +56,17 @@ class Kind:
     """From facts with their motions."""
 
     def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
-        """Tables and figures of facts as they were read; where constants are ranges, what that comes to besides."""
+        """Tables and figures of facts as they were read: the study's own, then what every study has: curves, what the
+        bills hang on beside that without transfer and, where constants are ranges, what that comes to."""
         held, energy = with_motions(facts, record.scenario), record.scenario.energy
         made = self.tables(held, record)
+        curves = curves_of(held, record.scenario)
+        made.csv["curves"] = curves_csv(curves)
+        made.figures.update(curves_figures(curves, record.groups))
+        if pairs := against_plain(held, record.scenario):
+            made.csv["why"] = why_csv(pairs, energy)
+            made.markdown["why"] = why_markdown(pairs, energy)
+            made.figures.update(why_figures(pairs, energy))
         if rows := uncertain_rows(held, energy, record.lists):
             made.csv["uncertain"] = uncertain_csv(rows)
             made.markdown["uncertain"] = [uncertain_markdown(rows, energy)]

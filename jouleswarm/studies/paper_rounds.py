@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import fsum
 
 from jouleswarm.report.table import Cell, Table
@@ -15,6 +15,7 @@ from jouleswarm.studies.arms import (
     failures_of,
     rounds_estimate,
     tasks_of,
+    zero_shot_share,
 )
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.tables import estimate_text, failures_text, spread
@@ -58,10 +59,10 @@ def seen_unseen_markdown(facts: Sequence[Fact], training: Sequence[int], window:
         for _, of in groups:
             cells.append(_cell(facts, t0, arm, of, "rounds"))
             cells.append(estimate_text(rounds_estimate(full, arm, of)))
-            cells.append(failures_text(*failures_of(facts, "", arm, of)))
+            cells += [_zero_shot_text(facts, arm, of), failures_text(*failures_of(facts, "", arm, of))]
         rows.append(tuple(cells))
     named = [f"{name} ({', '.join(map(str, of))})" for name, of in groups]
-    headings = ("t0", *(heading for name in named for heading in (name, "full window", "not learned")))
+    headings = ("t0", *(heading for name in named for heading in (name, "full window", "zero-shot", "not learned")))
     return [
         Table("Rounds summed over seen and unseen tasks (printed)", headings, rows, (_CENSORED, _full_note(window)))
     ]
@@ -77,8 +78,8 @@ def _rounds_csv(facts: Sequence[Fact], window: int, what: str, groups: Sequence[
                 found = rounds_estimate(facts, arm, of, measure)
                 counted = (found.n, *failures_of(facts, "", arm, of), _printed(t0, of, tasks_of(facts)))
                 by_full = spread(rounds_estimate(full, arm, of) if measure == "rounds" else None)
-                rows.append((measure, t0, name, *spread(found), *by_full, *counted))
-    headings = ("rounds", "ci95", "full_window", "full_ci95", "seeds", "not_learned", "trials", "printed")
+                rows.append((measure, t0, name, *spread(found), *by_full, *counted, _zero_shot(facts, arm, of)))
+    headings = ("rounds", "ci95", "full_window", "full_ci95", "seeds", "not_learned", "trials", "printed", "zero_shot")
     return Table("", ("measure", "t0", what, *headings), rows)
 
 
@@ -88,11 +89,21 @@ def _by_measure(facts: Sequence[Fact], measure: Measure, window: int) -> Table:
     for t0, arm in arms_by_t0(facts).items():
         cells = [_cell(facts, t0, arm, of, measure) for of in (*((task,) for task in tasks), tasks)]
         by_full = [estimate_text(rounds_estimate(full, arm, tasks))] if full else []
-        rows.append((t0, *cells, *by_full, failures_text(*failures_of(facts, "", arm, tasks))))
+        failed = failures_text(*failures_of(facts, "", arm, tasks))
+        rows.append((t0, *cells, *by_full, _zero_shot_text(facts, arm, tasks), failed))
     told = ["sum", *(["sum, full window"] if full else [])]
-    headings = ("t0", *(f"t_{task}" for task in tasks), *told, "not learned")
+    headings = ("t0", *(f"t_{task}" for task in tasks), *told, "zero-shot", "not learned")
     notes = (_CENSORED, *([_full_note(window)] if full else []))
     return Table(f"Rounds t_i (printed): {_MEASURE_TITLES[measure]}", headings, rows, notes)
+
+
+def _zero_shot(facts: Sequence[Fact], arm: str, of: Collection[int]) -> float | None:
+    return zero_shot_share(fact for fact in facts if fact.arm == arm and fact.task in of)
+
+
+def _zero_shot_text(facts: Sequence[Fact], arm: str, of: Collection[int]) -> str:
+    share = _zero_shot(facts, arm, of)
+    return "-" if share is None else f"{share:.0%}"
 
 
 def _full_note(window: int) -> str:

@@ -10,17 +10,15 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import own_lists
 from jouleswarm.runs.paper import TABLE_II
-from jouleswarm.studies.arms import PLAIN, arms_by_t0
-from jouleswarm.studies.curves import curves_csv, curves_figure
+from jouleswarm.studies.arms import PLAIN
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.jobs import Request, Variant, methods_setting
 from jouleswarm.studies.kinds import Kind, Outputs, Plan
-from jouleswarm.studies.paper_energy import break_even_csv, compared_arms, energy_csv, energy_markdown, optimum_csv
+from jouleswarm.studies.paper_energy import break_even_csv, energy_csv, energy_markdown, optimum_csv
 from jouleswarm.studies.paper_figures import break_even_figure, figure_3, figure_4a, figure_4b
 from jouleswarm.studies.paper_rounds import seen_unseen_csv, seen_unseen_markdown, table_2_csv, table_2_markdown
 from jouleswarm.studies.prices import PAIRS
 from jouleswarm.studies.record import Record
-from jouleswarm.studies.why import break_even, why_csv, why_figure, why_markdown
 
 *ON_THE_WAY, LAST_T0 = (t0 for t0 in sorted(TABLE_II) if t0 > 0)
 
@@ -56,8 +54,6 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """Table II, energies, break-even and Figs. 3 and 4, all from facts."""
     energy, training, lists = record.scenario.energy, record.scenario.meta.training_tasks, record.lists
     window = record.scenario.federation.reward_window
-    arms, pairs = arms_by_t0(facts), compared_arms(facts, training)
-    soonest = min(pairs, key=partial(break_even, energy=energy), default=None)
     sl_bit_per_j = PAIRS[0].sl_bit_per_j
     return Outputs(
         csv={
@@ -66,21 +62,16 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
             "energy": energy_csv(facts, energy, lists),
             "optimum": optimum_csv(facts, energy, lists),
             "breakeven": break_even_csv(facts, energy, training, lists),
-            "curves": curves_csv(facts, arms, energy),
-            "why": why_csv(pairs, energy),
         },
         markdown={
             "table2": table_2_markdown(facts, window),
             "seen_unseen": seen_unseen_markdown(facts, training, window),
             "energy": energy_markdown(facts, energy, lists),
-            "why": why_markdown(pairs, energy),
         },
         figures={
             "fig3": lambda: figure_3(facts, energy, lists),
             "fig4a": lambda: figure_4a(facts, energy, lists),
             "fig4b": lambda: figure_4b(facts),
-            "curves": lambda: curves_figure(facts, arms, energy),
-            **({"why": partial(why_figure, soonest, energy)} if soonest else {}),
             **{
                 "breakeven" if prices is literal else f"breakeven-{prices.name}": partial(
                     break_even_figure, facts, energy, training, sl_bit_per_j, record.t0 or None, prices

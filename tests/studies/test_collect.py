@@ -131,6 +131,14 @@ def test_rounds_are_told_by_three_measures(run: Run) -> None:
     assert (found.rounds, found.rounds_first, found.rounds_w3) == (4, 2, 4)
 
 
+def test_r_is_noted_round_by_round_where_every_round_from_0_on_tells_it(run: Run) -> None:
+    assert fact(run, "maml", 1).rewards == ""  # rows begin at round 1
+    first = [row.model_copy(update={"round": 0, "cluster_reward": -3.25}) for row in run.rows if row.round == 1]
+    whole = Run(run.path, run.manifest, run.scenario, [*first, *run.rows], run.meter_rows, [], run.summary, [])
+    assert fact(whole, "maml", 1).rewards == "-3.25 41 42"
+    assert fact(whole, "maml", 0).rewards == ""
+
+
 def test_a_task_that_was_not_learned_stays_with_the_rounds_it_ran(run: Run) -> None:
     found = fact(run, "fl", 2)
     assert (found.learned, found.rounds, found.rounds_first, found.rounds_w3) == (False, 4, 4, 4)

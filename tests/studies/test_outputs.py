@@ -116,6 +116,11 @@ def test_a_sweep_has_a_line_a_variant_and_arm_and_a_figure_a_group(tmp_path: Pat
     record = Record(study=name, profile="compact", scenario=scenario, seeds=(1, 2), t0=42, groups=groups)
     written = {path.name for path in write_outputs(tmp_path, kind_of(name).outputs(facts, record))}
     assert {f"{name}.csv", f"{name}.md", f"{name}_robots.svg", f"{name}_Q.png"} <= written
+    assert {"curves.csv", "curves_robots.svg", "curves_Q.png", "why.csv", "why.md", "why.svg"} <= written
+    curves = rows_of(tmp_path / "curves.csv", spent="joules")
+    assert {(row["variant"], row["arm"], row["t0"]) for row in curves} == {
+        (variant, *arm) for variant in ("base", "robots=1") for arm in (("fl", "0"), ("maml", "42"))
+    }
     (line,) = rows_of(tmp_path / f"{name}.csv", variant="robots=1", arm="fl")
     # Six tasks of 40 + task rounds, 2 x 20 batches of 2.04 J and 2 x 5.6 MB at 500 kb/J a round.
     assert (line["rounds"], line["success"], line["seeds"]) == ("261", "1", "1")
@@ -136,6 +141,29 @@ def test_baselines_stand_side_by_side_with_success_rates(tmp_path: Path, scenari
     assert (found["success"], found["not_learned"], found["trials"]) == ("0.5", "3", "6")
     assert "3 of 6" in (tmp_path / "baselines.md").read_text()
     assert (tmp_path / "baselines.svg").exists()
+    curves = (tmp_path / "curves.svg").read_text()
+    assert all(f"<!-- {arm} -->" in curves for arm in ("fl", "isolated", "maml"))
+
+
+def test_the_zero_shot_share_stands_in_every_studys_tables_where_robots_tried_before_learning(
+    tmp_path: Path, scenario: Scenario
+) -> None:
+    plain = Arm("fl", "fl", 0)
+    facts = [
+        task_fact(plain, task, 0 if task == 2 else 9, seed, evaluation_motions=4) for seed in (1, 2) for task in (1, 2)
+    ]
+    facts += [fact.model_copy(update={"arm": "isolated", "evaluation_motions": None}) for fact in facts]
+    facts[1] = facts[1].model_copy(update={"learned": False})  # in seed 1 task 2 was given up before its first round
+    for name in ("baselines", "paper"):
+        record = Record(study=name, profile="compact", scenario=scenario, seeds=(1, 2), t0=0)
+        write_csv_tables(tmp_path, kind_of(name).outputs(facts, record))
+    told = {row["arm"]: (row["zero_shot"], row["fl_j"]) for row in rows_of(tmp_path / "baselines.csv")}
+    # One of two tasks in seed 2 and none in seed 1; 9 rounds of 260.8 J of the other one, and none of this.
+    assert told == {"fl": ("0.25", "2347.2"), "isolated": ("", "2347.2")}
+    (task_2,) = rows_of(tmp_path / "table2.csv", measure="rounds", task="2")
+    assert (task_2["rounds"], task_2["zero_shot"]) == ("0", "0.5")
+    (seen,) = rows_of(tmp_path / "seen_unseen.csv", measure="rounds", tasks="seen")
+    assert seen["zero_shot"] == "0.25"
 
 
 def test_similarity_sets_what_transfer_saves_against_what_paths_share(tmp_path: Path, scenario: Scenario) -> None:
@@ -307,7 +335,7 @@ def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
 def test_facts_from_before_the_processor_or_motions_were_noted_are_read(tmp_path: Path) -> None:
     fact = task_fact(Arm("fl", "fl", 0), 1, 9)
     write_facts(tmp_path / FACTS, [fact.model_copy(update={"processor": "one"})])
-    for columns, read in ((4, fact), (3, fact.model_copy(update={"processor": "one"}))):
+    for columns, read in ((5, fact), (4, fact.model_copy(update={"processor": "one"}))):
         before = [line.rsplit(",", columns)[0] for line in (tmp_path / FACTS).read_text().splitlines()]
         (tmp_path / "before.csv").write_text("\n".join(before) + "\n")
         assert read_facts(tmp_path / "before.csv") == [read]
@@ -329,7 +357,7 @@ def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"line 2: rounds: .*got 'nine'"):
         read_facts(path)
     path.write_text(text + "1,2\n")
-    with pytest.raises(StudyError, match="line 3: 2 cells, expected 26"):
+    with pytest.raises(StudyError, match="line 3: 2 cells, expected 27"):
         read_facts(path)
     path.write_text("a,b\n")
     with pytest.raises(StudyError, match="got a,b, expected the columns variant,seed"):
