@@ -2,7 +2,7 @@
 
 ``manifest.json``  `kind` meter, the rules by which rows are told apart, versions; prices are those of the paper
 ``counts.csv``     rows of clients and rounds, appended when an exchange ends
-``summary.json``   that the ServerApp's process has ended; without one it runs still, or was killed
+``summary.json``   that the strategy has come to its end; without one it runs still, or was broken off
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ class Directory:
         versions["python"] = platform.python_version()
         manifest = {"kind": "meter", "schema": 1, "of": "Flower", "run": self.path.name, "rules": _RULES}
         manifest |= {"energy": {}, "robots": [], "versions": versions, "started": _now()}
-        self._whole("manifest.json", manifest)
+        if not (self.path / "manifest.json").exists():
+            self._whole("manifest.json", manifest)
 
     def add(self, rows: Rows) -> None:
         """Append them.

@@ -35,7 +35,9 @@ def metered(of: Any, out: str | Path = "runs", arm: str | None = None) -> Any:
         ConfigurationError: it is neither.
     """
     if hasattr(of, "send_and_receive"):
-        return MeteredGrid(of, Path(out), arm or "")
+        grid = MeteredGrid(of, Path(out), arm or "")
+        atexit.register(grid.end)  # nobody tells when it has moved its last message
+        return grid
     if hasattr(of, "start"):
         return MeteredStrategy(of, Path(out), type(of).__name__ if arm is None else arm)
     raise ConfigurationError(f"metered: got {type(of).__name__}, expected a strategy or a grid")
@@ -49,7 +51,10 @@ class MeteredStrategy:
 
     def start(self, grid: Any, *positional: Any, **named: Any) -> Any:
         """As `Strategy.start`."""
-        return self._inner.start(MeteredGrid(grid, self._out, self._arm), *positional, **named)
+        over = MeteredGrid(grid, self._out, self._arm)
+        result = self._inner.start(over, *positional, **named)
+        over.end()
+        return result
 
     def __getattr__(self, name: str) -> Any:
         if name in ("configure_train", "configure_evaluate"):  # nothing would be counted
@@ -75,7 +80,7 @@ class MeteredGrid:
         self._asked: dict[str, tuple[str, str]] = {}  # id of a message -> what it asks for, and in which round
         self._rows: dict[int, list[_Row]] = {}
         log.info("jouleswarm: what this run costs goes to %s", self._directory.path)
-        atexit.register(self.end)
+        atexit.register(self.flush)
 
     def send_and_receive(self, messages: Iterable[Message], *, timeout: float | None = None) -> Iterable[Message]:
         """As the grid inside."""
