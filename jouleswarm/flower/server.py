@@ -10,7 +10,7 @@ from typing import Any
 
 from flwr.app import Message
 
-from jouleswarm.common.errors import ConfigurationError, PayloadError
+from jouleswarm.common.errors import ConfigurationError, PayloadError, RunError
 from jouleswarm.common.meter.counts_file import check_word
 from jouleswarm.flower.client import RECORD, read_record
 from jouleswarm.flower.directory import Directory
@@ -88,10 +88,7 @@ class MeteredGrid:
         replies = list(self._inner.send_and_receive(messages, timeout=timeout))
         self._sent(messages)
         self._received(replies)
-        try:
-            self.flush()
-        except OSError as error:  # the run is worth more than its counts
-            log.warning("jouleswarm: %s cannot be written (%s), tried again later", error.filename, error.strerror)
+        self.flush()
         return replies
 
     def push_messages(self, messages: Iterable[Message]) -> Iterable[str]:
@@ -111,23 +108,23 @@ class MeteredGrid:
         return getattr(self.__dict__["_inner"], name)
 
     def flush(self) -> None:
-        """Write what is held; who has never said who it is goes by its node's number.
-
-        Raises:
-            OSError: it cannot be written; it stays for the next time.
-        """
+        """Write what is held; who has never said who it is goes by its node's number. What cannot be written stays for
+        the next time, with a warning: the run is worth more than its counts."""
         named = ((self._names.get(node, f"node-{node}"), rows) for node, rows in self._rows.items())
-        self._directory.add([(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
-        self._rows = {}
+        try:
+            self._directory.add([(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
+        except OSError as error:
+            log.warning("jouleswarm: %s cannot be written (%s), tried again later", error.filename, error.strerror)
+        else:
+            self._rows = {}
 
     def end(self) -> None:
-        """Write what is held, and that this is all.
-
-        Raises:
-            OSError, RunError: it cannot be written.
-        """
+        """Write what is held, and that this is all."""
         self.flush()
-        self._directory.end()
+        try:
+            self._directory.end()
+        except RunError as error:
+            log.warning("jouleswarm: %s", error)
 
     def _sent(self, messages: list[Message]) -> None:
         for message in messages:  # after it went out, when it has its number
