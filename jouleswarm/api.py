@@ -160,6 +160,19 @@ class Run:
         data = self._read()
         return pd.DataFrame(data.rows) if isinstance(data, Metered) else _frame(data.meter_rows, MeterRow)
 
+    @property
+    def windows(self) -> pd.DataFrame:
+        """What passed a meter by windows of time, each row of its window alone and without a topic; a run has none."""
+        data = self._read()
+        windows = data.windows if isinstance(data, Metered) else ()
+        return pd.DataFrame(
+            [
+                {"begin_s": each.begin_s, "window_s": each.window_s} | asdict(row)
+                for each in windows
+                for row in each.rows
+            ]
+        )
+
     def facts(self, arm: str) -> Facts:
         """What price lists are given of an arm.
 

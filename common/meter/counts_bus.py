@@ -47,7 +47,7 @@ class CountsBus:
         self._id, self._number, self._is_told = secrets.token_hex(8), 0, False
         self._unsent: list[tuple[mqtt.MQTTMessageInfo, Rows]] = []
         self._is_connected = threading.Event()
-        self._client = _client(self._address, f"{self._name}-{self._id}")
+        self._client = _client(self._address, f"{self._name}.{self._id[:8]}")
         self._client.on_connect = self._on_connect
         self._client.on_connect_fail = lambda *_: self._is_away("no connection")
         self._client.on_disconnect = lambda _client, _data, _flags, reason, _properties: self._is_away(str(reason))
@@ -115,6 +115,7 @@ def hear(url: str, name: str, on_message: Callable[[bytes], None]) -> Callable[[
     """
     address = parse_url(url)
     client = _client(address, f"jouleswarm-facts-{name}", clean_session=False)
+    client.reconnect_delay_set(1, 1)  # so that it is there before those who send
 
     is_told, is_subscribed = threading.Event(), threading.Event()
 

@@ -1,15 +1,14 @@
 """What does an encoding cost? `python examples/mqtt_fl/run.py [FOLDER]`
 
 Two learners and a parameter server exchange the same small model over MQTT, by the server (topics `post model`, `PS`)
-and between neighbours (`consensus`), as JSON lists, pickle, safetensors and int8. `jouleswarm meter` counts the bytes
-by the rules of links.toml, learners tell it their gradients by `jouleswarm.Meter`; the bill of each encoding is
+and between neighbours (`consensus`), as JSON lists, pickle, safetensors and int8. `jouleswarm meter serve` counts the
+bytes by the rules of links.toml, learners tell it their gradients by `jouleswarm.Meter`; the bill of each encoding is
 printed, and FOLDER keeps it for `jouleswarm report FOLDER`.
 """
 
 from __future__ import annotations
 
 import csv
-import json
 import signal
 import subprocess
 import sys
@@ -25,7 +24,6 @@ from wire import LEARNERS
 from jouleswarm import Run
 
 HERE = Path(__file__).parent
-BROKER = ("-m", "jouleswarm.broker", "--port", "0", "--no-metrics", "--exit-with-stdin")
 
 
 def main() -> None:
@@ -38,18 +36,15 @@ def main() -> None:
 
 @contextmanager
 def metered(folder: Path) -> Iterator[str]:
-    """A broker, and a meter before it; its port."""
-    with start(*BROKER, stdin=subprocess.PIPE) as broker:
-        url = json.loads(broker.stdout.readline())["url"]
-        rules = ("--links", str(HERE / "links.toml"), "--out", str(folder.parent), "--run-id", folder.name)
-        proxy = ("meter", "proxy", "--listen", "127.0.0.1:0", "--to", url, "--facts", url)
-        with start("-m", "jouleswarm", *proxy, *rules) as meter:
-            if not (line := meter.stdout.readline()):
-                sys.exit(meter.wait(60))  # it has said why
-            yield line.split(" for ")[0].rsplit(":", 1)[1]
-            meter.send_signal(signal.SIGINT)
-            meter.communicate(timeout=60)  # its report, for whoever had started it by hand
-        broker.stdin.close()
+    """A broker that meters; its port."""
+    rules = ("--links", str(HERE / "links.toml"), "--out", str(folder.parent), "--run-id", folder.name)
+    with start("-m", "jouleswarm", "meter", "serve", "--listen", "127.0.0.1:0", "--facts", *rules) as meter:
+        url = next((line.split()[2].strip(",;") for line in meter.stdout if line.startswith("broker at")), None)
+        if url is None:
+            sys.exit(meter.wait(60))  # it has said why
+        yield url.rsplit(":", 1)[1]
+        meter.send_signal(signal.SIGINT)
+        meter.communicate(timeout=60)  # its report, for whoever had started it by hand
 
 
 def exchange(port: str) -> list[str]:

@@ -34,7 +34,7 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.files import other_version, read_manifest
+from jouleswarm.runs.files import other_version, run_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
@@ -101,7 +101,7 @@ def resume_deployment(
     held = path / MANIFEST
     if not held.exists():
         raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
-    manifest = read_manifest(path)
+    manifest = run_manifest(path)
     if other := other_version(manifest):
         raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():

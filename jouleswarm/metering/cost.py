@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.tariff import Tariff
 from jouleswarm.energy.calculator import facts_of
 from jouleswarm.energy.prices import price, price_lists
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.metering.metered import Metered
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.written import bill_rows, delivered_of
 
 Cost = Callable[[Sequence[Row]], float]

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from jouleswarm.common.meter.counts_file import COLUMNS
+from jouleswarm.common.meter.tally import Direction, Row
 from jouleswarm.common.wire.rules import Rule
-from jouleswarm.metering.tally import Direction, Row
 from jouleswarm.metering.written import Told
 
 _WAYS: dict[str, tuple[str, Direction]] = {"uplink": ("up", "in"), "downlink": ("down", "out")}

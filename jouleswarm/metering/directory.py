@@ -18,19 +18,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 from jouleswarm.common.disk.files import write_whole
-from jouleswarm.common.disk.lock import LOCK
+from jouleswarm.common.disk.lock import LOCK, Lock
 from jouleswarm.common.doors import DOORS, file_of
 from jouleswarm.common.errors import ConfigurationError, usable
 from jouleswarm.common.host import machine
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.tariff import Tariff, checked_tariff
 from jouleswarm.common.wire.rules import read_rules
 from jouleswarm.common.wire.topics import run_name
 from jouleswarm.energy.prices import price_lists
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.windows import Window
 from jouleswarm.metering.written import Told, bill_csv
 
@@ -55,7 +55,7 @@ def folder_of(out: Path, name: str | None) -> Path:
 
 
 class Directory:
-    """Writer of one. Each file is whole, or as it was before."""
+    """Writer of one, who holds it until the end of the context. Each file is whole, or as it was before."""
 
     def __init__(
         self,
@@ -75,21 +75,33 @@ class Directory:
         Raises:
             ConfigurationError: rules or prices can't be used, something is there already, or it can't be made.
         """
-        self.path, self.rules = path, read_rules(links)
+        self.path, self.links, self.rules = path, links, read_rules(links)
         tariff, prices = checked_tariff(energy, changes)
         price_lists(tariff)
         with usable("run directory", path):
             if path.exists() and any(each.name != LOCK for each in path.iterdir()):
                 raise ConfigurationError(f"run directory {path} is not empty; name another with --out or --run-id")
-            path.mkdir(parents=True, exist_ok=True)
+        self._lock = Lock(path, "jouleswarm meter")
         self._keep(tariff)
-        rules = links.read_text(encoding="utf-8")
-        manifest = {"kind": KIND, "schema": SCHEMA, "run": path.name, "rules": rules, **prices, **about}
-        manifest["versions"] = {
-            "python": platform.python_version(),
-            "jouleswarm": importlib.metadata.version("jouleswarm"),
-        }
-        self._whole(MANIFEST, json.dumps(manifest | {"host": machine(), "started": _now()}, indent=2) + "\n")
+        versions = {"python": platform.python_version(), "jouleswarm": importlib.metadata.version("jouleswarm")}
+        self._manifest = {"kind": KIND, "schema": SCHEMA, "run": path.name, **prices, **about, "versions": versions}
+        self._manifest |= {"host": machine(), "started": _now()}
+        self._write_manifest()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def read_rules(self) -> None:
+        """Go by the file of rules as it is now.
+
+        Raises:
+            ConfigurationError: it can't be; the rules before stay.
+        """
+        self.rules = read_rules(self.links)
+        self._write_manifest()
 
     def write(self, rows: Sequence[Row], windows: Iterable[Window] = (), told: Sequence[Told] = ()) -> None:
         """What has been counted by now.
@@ -110,6 +122,10 @@ class Directory:
             RunError: that can't be.
         """
         self._whole(SUMMARY, json.dumps({"status": "complete", "ended": _now()}, indent=2) + "\n")
+
+    def _write_manifest(self) -> None:
+        rules = self.links.read_text(encoding="utf-8")
+        self._whole(MANIFEST, json.dumps(self._manifest | {"rules": rules}, indent=2) + "\n")
 
     def _keep(self, tariff: Tariff) -> None:
         """The user's files that prices name, as a run directory does."""

@@ -10,9 +10,9 @@ from prometheus_client.core import CounterMetricFamily
 from prometheus_client.registry import Collector
 
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.metering.cost import cost_of
 from jouleswarm.metering.metered import Metered
-from jouleswarm.metering.tally import Row
 
 _LABELS = ("link", "direction")
 _COUNTERS = {

@@ -11,6 +11,7 @@ from typing import Any
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.counts_file import COUNTS
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.common.scenario.tariff import Tariff, tariff_of
@@ -23,7 +24,6 @@ from jouleswarm.energy.rows import Row as BillRow
 from jouleswarm.energy.rows import read_rows
 from jouleswarm.metering.counted import read_counted
 from jouleswarm.metering.directory import FACTS, KIND, MANIFEST, METER, SCHEMA, SUMMARY, WINDOWS
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.windows import Window
 from jouleswarm.metering.written import Told, bill_rows, numbers_of, told_rows
 

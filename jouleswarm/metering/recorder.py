@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import JouleSwarmError, RunError
 from jouleswarm.common.meter.counters import Counts, Key
+from jouleswarm.common.meter.tally import rows_of
 from jouleswarm.metering.directory import Directory
-from jouleswarm.metering.tally import rows_of
 from jouleswarm.metering.windows import Windows
 from jouleswarm.metering.written import Told
 
@@ -39,11 +40,32 @@ class Recorder:
         """
         self._directory, self._counts, self._told = directory, counts, told
         self._windows = Windows(time.time(), window_s)
+        self._lock, self._readings = threading.Lock(), 0
         self._before: tuple[Mapping[Key, Counts], Sequence[Told]] | None = None
 
-    async def record(self, stop: asyncio.Event) -> None:
-        """Write until then."""
+    def read_rules(self) -> bool:
+        """Go by the file of rules as it is now, for all that was counted, and say so; whether it can be.
+
+        Windows that were counted before stay as they are.
+        """
+        with self._lock:
+            counts, rules = self._counts(), self._directory.rules
+            try:
+                self._directory.read_rules()
+            except JouleSwarmError as error:
+                log.warning("%s; the rules before stay", error)
+                return False
+            self._windows.add(time.time(), rows_of(counts, rules))
+            self._windows.begin_from(rows_of(counts, self._directory.rules))
+            self._readings += 1
+        log.warning("%d rules of %s from now on", len(self._directory.rules), self._directory.links)
+        self._before = None
+        return True
+
+    async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
+        """Write until then. `check` raises an error where one is."""
         while not stop.is_set():
+            check()
             try:
                 await self._write()
             except RunError as error:
@@ -65,7 +87,16 @@ class Recorder:
         counts, told = self._counts(), self._told()
         if (now := (counts, told)) == self._before:
             return
-        rows = rows_of(counts, self._directory.rules)
-        self._windows.add(time.time(), rows)
-        await asyncio.to_thread(self._directory.write, rows, self._windows.all(), told)
-        self._before = now
+        readings = self._readings
+        if await asyncio.to_thread(self._written, counts, told, readings) and readings == self._readings:
+            self._before = now
+
+    def _written(self, counts: Mapping[Key, Counts], told: Sequence[Told], readings: int) -> bool:
+        """Whether they are: not if rules were read after these counts."""
+        with self._lock:
+            if readings != self._readings:
+                return False
+            rows = rows_of(counts, self._directory.rules)
+            self._windows.add(time.time(), rows)
+            self._directory.write(rows, self._windows.all(), told)
+            return True

@@ -1,4 +1,4 @@
-"""A metering proxy from its start to its end: what `jouleswarm meter proxy` does."""
+"""A meter from its start to its end: what `jouleswarm meter proxy` and `meter serve` do."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.process import on_hangup
 from jouleswarm.metering.proxy import Proxy
 from jouleswarm.metering.recorder import Recorder
 
@@ -26,18 +27,25 @@ def parse_listen(text: str) -> tuple[str | None, int]:
     raise ConfigurationError(f"--listen {text!r}: expected HOST:PORT, or :PORT for every address of this machine")
 
 
+def ending(read_anew: Callable[[], object]) -> asyncio.Event:
+    """Set by a signal to end; SIGHUP has the rules read anew."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    on_hangup(read_anew, stop.set)
+    return stop
+
+
 async def serve(
     proxy: Proxy, listen: tuple[str | None, int], recorder: Recorder, on_listening: Callable[[int], None]
 ) -> None:
-    """Meter until a signal to end.
+    """Have a proxy meter until a signal to end.
 
     Raises:
         RunError: it can't listen, or can't write.
     """
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = ending(recorder.read_rules)
     async with proxy.listening(*listen) as port:
         on_listening(port)
         await recorder.record(stop)

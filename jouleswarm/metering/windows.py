@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from jouleswarm.metering.tally import MOST_ROWS, Direction, Kind, Row
+from jouleswarm.common.meter.tally import MOST_ROWS, Direction, Kind, Row
 
 _KEPT_LABELS = ("arm", "sender")  # which a bill depends on
 _Counts = tuple[int, int, int, int]
@@ -43,17 +43,22 @@ class Windows:
 
     def add(self, time_s: float, rows: Iterable[Row]) -> None:
         """What has been counted in all by now: what is new of it is of this moment's window."""
-        now: dict[_Place, _Counts] = {}
-        for row in rows:
-            _book(now, _place(row), (row.messages, row.payload_bytes, row.packet_bytes, row.repeats))
-        new = {place: _added(counts, self._before.get(place, _NOTHING), -1) for place, counts in now.items()}
-        self._before = now
+        before = self._before
+        self.begin_from(rows)
+        new = {place: _added(counts, before.get(place, _NOTHING), -1) for place, counts in self._before.items()}
         held = self._held.setdefault(max(0, int((time_s - self._begin_s) / self._window_s)), {})
         for place, counts in new.items():
             if any(counts):
                 _book(held, place, counts)
         while len(self._held) > 1 and sum(map(len, self._held.values())) > self._most_rows:
             self._merge()
+
+    def begin_from(self, rows: Iterable[Row]) -> None:
+        """All this was there before."""
+        now: dict[_Place, _Counts] = {}
+        for row in rows:
+            _book(now, _place(row), (row.messages, row.payload_bytes, row.packet_bytes, row.repeats))
+        self._before = now
 
     def all(self) -> list[Window]:
         """Those in which anything passed, in their order."""

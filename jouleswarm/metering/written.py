@@ -7,11 +7,11 @@ import io
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.wire.rules import Rule
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.named import CENTER
 from jouleswarm.energy.named import numbers_of as numbers_by_name
-from jouleswarm.metering.tally import Row
 
 _BYTES = ("arm", "phase", "robot", "to", "what", "value")
 _COLUMNS = ("arm", "phase", "task", "robot", "to", "what", "value", "activity", "round", "how")
@@ -56,7 +56,7 @@ def bill_rows(
     sums: dict[_Cells, int] = {}
     delivered = delivered_of(priced) if delivered is None else delivered
     for row in priced:
-        is_sent = row.link == Link.UPLINK and not rules[row.number - 1].priced.receiver
+        is_sent = row.link == Link.UPLINK and not _has_receiver(row, rules)
         sender, receiver = (numbers.get(name, "") for name in _ends(row))
         robot = receiver if row.link == Link.DOWNLINK else sender
         to = receiver if row.link == Link.SIDELINK and sender else ""
@@ -92,6 +92,12 @@ def bill_csv(rows: Sequence[Row], rules: Sequence[Rule], told: Sequence[Told] = 
     writer.writeheader()
     writer.writerows(found)
     return file.getvalue()
+
+
+def _has_receiver(row: Row, rules: Sequence[Rule]) -> bool:
+    """Of its rule, unless that is no more: rules may have been read anew since its window."""
+    rule = rules[row.number - 1] if row.number <= len(rules) else None
+    return rule is not None and rule.text == row.rule and rule.priced.receiver is not None
 
 
 def _is_priced(row: Row) -> bool:

@@ -12,13 +12,14 @@ from pathlib import Path
 from rich import live
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.counts_bus import TOPIC
+from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.reading import Override, energy_file
 from jouleswarm.common.scenario.tariff import Tariff
 from jouleswarm.energy.prices import price_lists
 from jouleswarm.energy.rows import BESIDE
 from jouleswarm.metering.cost import Cost, cost_of
 from jouleswarm.metering.metered import Metered, load_metered
-from jouleswarm.metering.tally import Row
 from jouleswarm.metering.written import unmatched
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.table import Cell, Table, terminal
@@ -115,7 +116,11 @@ def _sorts(rows: Iterable[Row]) -> dict[str, Callable[[Row], str]]:
     """What rows can be told apart by -> what a row is of it; "" for those that have none."""
     labels = sorted(set(chain.from_iterable(row.labels for row in rows)))
     by_label = {f"+{label}": partial(_labelled, label) for label in labels}
-    return {"client": lambda row: row.client or "no id", "phase": lambda row: row.phase, **by_label}
+    return {
+        "client": lambda row: "" if row.topic.startswith(TOPIC) else row.client or "no id",
+        "phase": lambda row: row.phase,
+        **by_label,
+    }
 
 
 def _labelled(label: str, row: Row) -> str:

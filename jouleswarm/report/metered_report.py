@@ -11,6 +11,7 @@ from rich.console import Console
 from jouleswarm.common.disk.lock import is_held
 from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import RunError, usable
+from jouleswarm.common.meter.counts_bus import TOPIC
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.metering.metered import Metered
 from jouleswarm.report.calculated import calculated, calculated_tables
@@ -50,6 +51,6 @@ def report_metered(
 
 def _headline(metered: Metered) -> str:
     status = "running" if not metered.is_complete and is_held(metered.path) else metered.status
-    clients = len({row.client for row in metered.rows if row.client})
+    clients = len({row.client for row in metered.rows if row.client and row.topic and not row.topic.startswith(TOPIC)})
     nothing = "" if metered.bill_rows else "; nothing passed that a rule prices"
     return f"metered since {metered.manifest['started']}, {status}, {clients} clients{nothing}"

@@ -27,7 +27,7 @@ from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import JOULES, MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
 from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
-from jouleswarm.runs.files import other_version, read_lines, read_manifest, read_summary
+from jouleswarm.runs.files import other_version, read_lines, read_summary, run_manifest
 from jouleswarm.runs.lost_work import lost_work
 
 _NOT_OF_PRICES = ("results", "t0", "lost", "misfits", "facts", "kept_facts", "packet_facts")
@@ -150,7 +150,7 @@ def load_run(path: str | Path) -> Run:
     path = Path(path)
     if not path.is_dir():
         raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
-    manifest = read_manifest(path)
+    manifest = run_manifest(path)
     try:
         return _load(path, manifest)
     except RunError as error:

@@ -68,11 +68,11 @@ def test_every_message_is_counted_by_its_rule_and_priced_beside_what_is_computed
 
 
 def test_a_folder_that_holds_something_is_left_as_it_is(done: tuple[str, Path]) -> None:
-    before = {path.name: path.read_bytes() for path in done[1].iterdir()}
+    before = {path: path.read_bytes() for path in done[1].rglob("*") if path.is_file()}
     command = [sys.executable, str(EXAMPLE / "run.py"), str(done[1])]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (ended.returncode, "is not empty; name another" in ended.stderr) == (2, True)
-    assert {path.name: path.read_bytes() for path in done[1].iterdir()} == before
+    assert {path: path.read_bytes() for path in done[1].rglob("*") if path.is_file()} == before
 
 
 class _Trap:

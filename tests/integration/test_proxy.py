@@ -15,8 +15,8 @@ import pytest
 from jouleswarm import Meter
 from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.metering.proxy import Proxy
-from jouleswarm.metering.tally import Tally
 from tests.integration.conftest import wait_until
 
 LINKS = '"fed/+round/+client/up" = { link = "uplink" }\n"fed/+round/model" = { link = "downlink" }\n'

@@ -13,10 +13,10 @@ import pytest
 
 from jouleswarm.common.bus.address import BrokerAddress, parse_url
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.fleet.certificates import Validity, make_ca, make_server
 from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
 from jouleswarm.metering.serve import parse_listen
-from jouleswarm.metering.tally import Tally
 from tests.metering.packets import connect, packet, publish
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]

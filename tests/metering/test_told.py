@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.errors import PayloadError
+from jouleswarm.common.meter.tally import Tally, rows_of
 from jouleswarm.metering.directory import Directory
 from jouleswarm.metering.metered import load_metered
-from jouleswarm.metering.tally import Tally, rows_of
 from jouleswarm.metering.told import Heard
 from jouleswarm.report.calculated import calculate
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 
@@ -10,12 +11,13 @@ from rich.console import Console
 
 from jouleswarm.api import Run
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.tally import Row, Tally, rows_of
 from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.fleet.deploy import resume_deployment
 from jouleswarm.metering.directory import BILL, MANIFEST, METER, SUMMARY, WINDOWS, Directory
 from jouleswarm.metering.exporter import MeterCollector
 from jouleswarm.metering.metered import Metered, load_metered
-from jouleswarm.metering.tally import Row, Tally, rows_of
+from jouleswarm.metering.recorder import Recorder
 from jouleswarm.metering.windows import Windows
 from jouleswarm.metering.written import bill_csv, unmatched
 from jouleswarm.report.calculated import calculate
@@ -56,12 +58,12 @@ def rows(rules: list[Rule]) -> list[Row]:
 @pytest.fixture
 def left(tmp_path: Path, rows: list[Row]) -> Path:
     """A whole directory: all that passed did so in the first of two windows, but for the model down."""
-    directory = Directory(tmp_path / "one", tmp_path / "links.toml", None, ["energy.dl_bit_per_j=8e3"])
     windows = Windows(1000.0, 60.0)
     windows.add(1001.0, [row for row in rows if row.link != "downlink"])
     windows.add(1070.0, rows)
-    directory.write(rows, windows.all())
-    directory.end()
+    with Directory(tmp_path / "one", tmp_path / "links.toml", None, ["energy.dl_bit_per_j=8e3"]) as directory:
+        directory.write(rows, windows.all())
+        directory.end()
     return directory.path
 
 
@@ -162,6 +164,7 @@ def test_it_is_an_ordinary_run_directory(left: Path, capsys: pytest.CaptureFixtu
     run = Run(left)
     assert (run.status, len(run.rounds)) == ("complete", 0)
     assert run.meter.set_index(["client", "topic"]).at[("r2", "model"), "payload_bytes"] == 5000
+    assert run.windows.groupby("begin_s")["payload_bytes"].sum().to_dict() == {1000.0: 4407, 1060.0: 10_000}
     assert run.bill().at["fl", ("ml", "downlink")] == pytest.approx(5)
     assert run.bill(dl_bit_per_j=4e3).at["fl", ("ml", "downlink")] == pytest.approx(10)
     bill = calculate(left).bills
@@ -232,3 +235,21 @@ def test_windows_tell_what_is_new_and_are_merged_two_by_two_beyond_the_most_rows
         (window.begin_s, window.window_s, sum(row.payload_bytes for row in window.rows)) for window in windows.all()
     ]
     assert told == [(100.0, 20.0, 316), (120.0, 20.0, 125)]
+
+
+def test_rules_that_are_read_anew_hold_for_all_but_the_windows_before(tmp_path: Path, rules: list[Rule]) -> None:
+    tally = Tally()
+    tally.count("r1", "up/fl", ("in", "publish"), 100, 110)
+    with Directory(tmp_path / "one", tmp_path / "links.toml") as directory:
+        recorder = Recorder(directory, tally.counts, 86_400)
+        (tmp_path / "links.toml").write_text('"other" = { link = "uplink" }\n"up/+of" = { link = "sidelink" }')
+        assert recorder.read_rules()
+        tally.count("r1", "up/fl", ("in", "publish"), 7, 17)
+        (tmp_path / "links.toml").write_text("none")
+        assert not recorder.read_rules()
+        asyncio.run(recorder.end())
+    held = load_metered(tmp_path / "one")
+    assert [(row.link, row.number, row.payload_bytes) for row in held.rows] == [("sidelink", 2, 107)]
+    ((_, _, window),) = held.windows
+    assert [(row.link, row.number, row.payload_bytes) for row in window] == [("uplink", 1, 100), ("sidelink", 2, 7)]
+    metered_tables(held, held.priced()[0])
