@@ -1,5 +1,6 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
+# make compose  the same by Docker Compose (see docker-compose.yml), the answer last
 # make flower .venv-flower, where the tests marked flower run Flower (40 s, 430 MB)
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
@@ -21,7 +22,7 @@ VENV := .venv
 BIN  := $(VENV)/bin
 PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test setup flower wheels clean
+.PHONY: run test setup compose flower wheels clean
 
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
@@ -31,6 +32,11 @@ test: setup flower
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# A deployment ends under the lines of containers that stop: what the recorder said last is said once more below them.
+compose:
+	@docker compose up --build --abort-on-container-exit; code=$$?; docker compose cp recorder:/runs/. runs; \
+	docker compose logs --no-log-prefix --tail 40 recorder; exit $$code
 
 setup: $(VENV)/installed
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from jouleswarm.cli.options import EnergyFile, EnergyOption, Out, RunId
+from jouleswarm.common.invoked import executable
 
 meter = typer.Typer(no_args_is_help=True, help="Count the bytes of any MQTT application, to be priced in joules.")
 
@@ -167,7 +169,9 @@ def _show(folder: Path) -> None:
     from jouleswarm.report.report import report
 
     report(folder, html=True)
-    typer.echo(f"run directory: {folder}")
+    typer.echo(
+        f"run directory: {folder}\nother prices: {executable()} report {shlex.quote(str(folder))} --ul 500 --sl 200"
+    )
 
 
 @meter.command()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.cli.options import EnergyFile, EnergyOption
+from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, PowerLogNames, PowerLogs
 
 
 def report(
@@ -28,24 +28,16 @@ def report(
     ] = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
     set_: EnergyOption = None,
-    budget: Annotated[
-        str | None,
-        typer.Option(help="What each arm had learned when so much was spent: 10kJ, 2Gbit, 4000motions, 500gradients."),
-    ] = None,
+    budget: Budget = None,
     why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
     energy: EnergyFile = None,
-    meter: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
-    ] = None,
-    meter_name: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
-    ] = None,
+    meter: PowerLogs = None,
+    meter_name: PowerLogNames = None,
     meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+    details: Details = False,
 ) -> None:
-    """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
+    """Tell a run's answer, at its own prices or at any others. Nothing is trained again; its files stay.
 
     --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
     """
@@ -66,7 +58,16 @@ def report(
     )
     changes = [*energy_file(energy), *prices.changes, *(set_ or ())]
     meters = Meters(meter or (), meter_name or (), meter_shift) if meter or meter_name or meter_shift else None
-    print_bill(run_directory, changes=changes, budget=budget, why=why, meters=meters, html=figures, figures=figures)
+    print_bill(
+        run_directory,
+        changes=changes,
+        budget=budget,
+        why=why,
+        meters=meters,
+        details=details,
+        html=figures,
+        figures=figures,
+    )
 
 
 def audit() -> None:

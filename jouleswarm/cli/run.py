@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from jouleswarm.cli.options import (
+    Details,
     Dry,
     Durable,
     EnergyFile,
@@ -26,13 +27,12 @@ from jouleswarm.cli.options import (
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
-def _present(path: Path, figures: bool) -> None:
+def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
-        print_bill(path, html=figures, figures=figures)
-        print(f"run directory: {path}")
+        print_bill(path, details=details, html=figures, figures=figures)
 
 
 def run(
@@ -58,6 +58,7 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    details: Details = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -82,11 +83,11 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures)
+        _present(resume_deployment(resume, Console(), started, more), figures, details)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures)
+    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures, details)
 
 
 def validate(
@@ -118,6 +119,7 @@ def record(
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
 
@@ -130,4 +132,4 @@ def record(
 
     settings = load_scenario(scenario, overrides(set_, seed))
     path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
-    _present(path, figures)
+    _present(path, figures, details)
