@@ -151,6 +151,8 @@ class BrokerMeter:
             return dict(self._events)
 
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], int]:
+        if self.by_rule is None and link_of(topic) is None:
+            return (), 0
         if len(self._counters) >= 2 * MAX_ROWS:
             self._counters = {}  # found again as they are needed; each incarnation of a client had its own
         own: tuple[Cell, ...] = ()

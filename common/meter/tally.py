@@ -53,6 +53,7 @@ class Tally:
     def __init__(self, most_rows: int = MOST_ROWS, folder: Path | None = None) -> None:
         """`folder`: as of `Counters`, whose errors it has."""
         self._cells, self._most_rows = Counters(folder), most_rows
+        self._known: dict[Key, Cell] = {}  # with a row of their own: one look for each packet
 
     def cell(self, client: str, topic: str, what: What) -> Cell | None:
         """Where to book packets, or bytes of none; `what` is their direction and kind.
@@ -61,13 +62,7 @@ class Tally:
         """
         direction, kind = what
         key = client, topic, f"{direction} {kind}"
-        if key not in self._cells:
-            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
-                return None  # it has overflowed
-            is_full = len(self._cells) >= self._most_rows and kind != "repeat"
-            if is_full or len(client) + len(topic) > _MOST_NAME:
-                return self._cells.cell(("", "", f"{direction} overflow"))
-        return self._cells.cell(key)
+        return self._known.get(key) or self._new(key, what)
 
     def count(self, client: str, topic: str, what: What, payload_bytes: int, packet_bytes: int) -> None:
         """Book one."""
@@ -78,8 +73,19 @@ class Tally:
         """Whether they have a row of their own."""
         return (client, topic, " ".join(what)) in self._cells
 
+    def _new(self, key: Key, what: What) -> Cell | None:
+        (client, topic, _), (direction, kind) = key, what
+        if key not in self._cells:
+            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
+                return None  # it has overflowed
+            is_full = len(self._cells) >= self._most_rows and kind != "repeat"
+            if is_full or len(client) + len(topic) > _MOST_NAME:
+                return self._cells.cell(("", "", f"{direction} overflow"))
+        self._known[key] = self._cells.cell(key)
+        return self._known[key]
+
     def counts(self) -> dict[Key, Counts]:
-        """What has been counted by now."""
+        """What has been counted by now, in the order of the keys."""
         return dict(self._cells.items())
 
 

@@ -55,8 +55,8 @@ class Rule:
 
     def applies(self, topic: Levels, sender: str | None, receiver: str | None) -> bool:
         """Whether it matches a packet; a client that is not known, None, is none that a pattern asks for."""
-        ends = ((self.priced.sender, sender), (self.priced.receiver, receiver))
-        return matches(self.levels, topic) and all(_fits(pattern, client) for pattern, client in ends)
+        priced = self.priced
+        return matches(self.levels, topic) and _fits(priced.sender, sender) and _fits(priced.receiver, receiver)
 
     def hides(self, other: Rule) -> bool:
         """Whether what `other` matches is always matched by this one."""

@@ -17,12 +17,16 @@ from jouleswarm.metering.windows import Windows
 from jouleswarm.metering.written import Told
 
 _EVERY_S = 2.0
+_TIMES = 20  # as long as writing took, nothing is written: many rows must not hold the connections up
 
 log = logging.getLogger("jouleswarm.metering")
 
 
 class Recorder:
-    """Every two seconds, and at the end; a full disk is no reason to cut anybody off, but at the end it is an error."""
+    """Every two seconds, less often where that takes long, and at the end.
+
+    A full disk is no reason to cut anybody off; at the end it is an error.
+    """
 
     def __init__(
         self,
@@ -64,14 +68,16 @@ class Recorder:
 
     async def record(self, stop: asyncio.Event, check: Callable[[], None] = lambda: None) -> None:
         """Write until then. `check` raises an error where one is."""
+        loop = asyncio.get_running_loop()
         while not stop.is_set():
             check()
+            begun_s = loop.time()
             try:
                 await self._write()
             except RunError as error:
                 log.warning("%s; going on, and trying again", error)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), _EVERY_S)
+                await asyncio.wait_for(stop.wait(), max(_EVERY_S, _TIMES * (loop.time() - begun_s)))
 
     async def end(self) -> None:
         """Write what is left, and that this is all.

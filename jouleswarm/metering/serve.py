@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import sys
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
@@ -12,6 +13,8 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.process import on_hangup
 from jouleswarm.metering.proxy import Proxy
 from jouleswarm.metering.recorder import Recorder
+
+_SWITCH_S = 0.0005  # not Python's 5 ms: so long the connections wait for who writes, after each of their calls
 
 
 def parse_listen(text: str) -> tuple[str | None, int]:
@@ -45,6 +48,7 @@ async def serve(
     Raises:
         RunError: it can't listen, or can't write.
     """
+    sys.setswitchinterval(_SWITCH_S)
     stop = ending(recorder.read_rules)
     async with proxy.listening(*listen) as port:
         on_listening(port)
