@@ -13,7 +13,8 @@ from jouleswarm.common.doors import Kind, enter
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import read_links
-from jouleswarm.common.scenario.reading import Override, apply_override, energy_file, one_line
+from jouleswarm.common.scenario.mistakes import one_line
+from jouleswarm.common.scenario.reading import Override, apply_override, energy_file
 from jouleswarm.common.scenario.robots import Robot
 from jouleswarm.common.scenario.sections import Section
 
@@ -89,4 +90,4 @@ def _held(changes: Iterable[Override], where: str) -> _Held:
     try:
         return _Held.model_validate(data)
     except ValidationError as error:
-        raise ConfigurationError(f"{where}: {one_line(error)}") from error
+        raise ConfigurationError(f"{where}: {one_line(error, [_Held])}") from error

@@ -46,7 +46,8 @@ async def serve(
     """Have a proxy meter until a signal to end.
 
     Raises:
-        RunError: it can't listen, or can't write.
+        ConfigurationError: it can't listen.
+        RunError: it can't write.
     """
     sys.setswitchinterval(_SWITCH_S)
     stop = ending(recorder.read_rules)
