@@ -1,4 +1,5 @@
-"""A meter for anybody's training loop: bytes, gradients, seconds and joules into a file for `jouleswarm bill`.
+"""A meter for anybody's training loop: bytes, gradients, seconds and joules into a file for `jouleswarm bill`, or over
+MQTT to who writes a run directory.
 
 Nothing of our world is in it, and importing it loads no library (docs/meter_python.md).
 """
@@ -6,23 +7,24 @@ Nothing of our world is in it, and importing it loads no library (docs/meter_pyt
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.counts_file import CountsFile, Rows, check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor
-from jouleswarm.common.meter.table import DATA_CENTER, append, check_word
 
 _FLUSH_S = 1.0
 _N = 1_000_000_000
-_SERVER = "server"  # as callers call it
+_SERVER, _CENTER = "server", "datacenter"  # as callers and as bills call it
 _ROLES = {  # (link, end) -> whose meter may say so
     ("uplink", "sent"): "robot",
     ("uplink", "received"): "server",
@@ -33,13 +35,24 @@ _ROLES = {  # (link, end) -> whose meter may say so
 }
 _Label = tuple[str, str]
 
+log = logging.getLogger("jouleswarm.meter")
+
+
+class _Out(Protocol):
+    """Where rows go."""
+
+    def put(self, rows: Rows, *, wait: bool) -> bool: ...
+    def forked(self) -> None: ...
+    def close(self) -> Rows: ...
+
 
 class Meter:
     """Counts what one process does; any thread may count, and one opens phases.
 
     Counts are appended to the file when the outermost phase ends, a second after the last time at the earliest, by
-    `flush`, and at exit. What is in the file a crash leaves there. Several meters may share a file. A forked child
-    counts anew from nothing.
+    `flush`, and at exit. What is in the file a crash leaves there. Several meters may share a file. With a broker they
+    are sent there in place of the file, which only gets what could not be sent by the end. A forked child counts anew
+    from nothing.
     """
 
     def __init__(
@@ -48,6 +61,7 @@ class Meter:
         role: Literal["robot", "server"] = "robot",
         file: str | Path = "counts.csv",
         *,
+        broker: str | None = None,
         arm: str = "",
         task: int | None = None,
         stage: Literal["ml", "fl"] = "fl",
@@ -59,6 +73,8 @@ class Meter:
             name: of the client, as others name it in `to` and `sender`.
             role: who pays: what robots send and compute is theirs, all else the server's.
             file: CSV; what is in it stays.
+            broker: URL, mqtt://[user:password@]host[:1883], behind which a meter writes down what is counted; needs
+                paho-mqtt.
             arm: what the experiment compares, say "FedAvg"; the same at both ends of a link.
             task: what the client learns, where there are several.
             stage: "ml" in the data center's stage before, eq. (8); "fl", eq. (10).
@@ -66,23 +82,21 @@ class Meter:
             gpu_uuid: of the GPU whose counter is read too, as PyTorch tells it.
 
         Raises:
-            ConfigurationError: a name cannot stand in the file, or the file is no meter's or cannot be written.
+            ConfigurationError: a name cannot stand in the file, the file is no meter's or cannot be written, or the URL
+                is none.
         """
         if role not in ("robot", _SERVER):
             raise ConfigurationError(f"meter {name}: role {role!r}, expected 'robot' or 'server'")
-        if role == "robot" and name in (_SERVER, DATA_CENTER):
+        if role == "robot" and name in (_SERVER, _CENTER):
             raise ConfigurationError(f"meter {name}: a robot's name, expected another one, or role='server'")
         check_word(name)
         check_word(arm or "arm")
         self.name, self.role, self.file = name, role, Path(file).absolute()
         self._place, self._rated, self._gpu_uuid = (arm, stage, "" if task is None else str(task)), rated, gpu_uuid
         self._begin()
-        try:
-            append(self.file, [])
-        except OSError as error:
-            raise ConfigurationError(f"meter {name}: cannot write {self.file} ({error.strerror})") from error
-        atexit.register(self.flush)
-        os.register_at_fork(after_in_child=self._begin)
+        self._out: _Out = CountsFile(self.file, name) if broker is None else _bus(name, broker)
+        atexit.register(self.close)
+        os.register_at_fork(after_in_child=self._go_on_forked)
 
     def _begin(self) -> None:
         self._lock, self._thread, self._depth = threading.RLock(), 0, 0
@@ -128,20 +142,40 @@ class Meter:
         self._count(link, "received", sender, nbytes)
 
     def flush(self) -> None:
-        """Write what has been counted; an open phase's part too.
+        """Write what has been counted; an open phase's part too. A broker that is away is waited for some seconds; the
+        counts stay then for the next time.
 
         Raises:
-            OSError: it cannot be written; the counts stay for the next time.
+            OSError: it cannot be written; the counts stay too.
         """
-        with self._lock:
-            self._energy.settle()
-            append(self.file, [*self._counted(), *self._measured()])
-            self._sums, self._drawn, self._flushed_s = {}, {}, time.monotonic()
+        self._flush(wait=True)
 
     def close(self) -> None:
-        """Write, and nothing more at exit."""
+        """Write, and nothing more at exit. What could not be sent goes to the file, and a warning tells it.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         self.flush()
-        atexit.unregister(self.flush)
+        atexit.unregister(self.close)
+        with self._lock:
+            if left := [*self._out.close(), *self._rows()]:
+                CountsFile(self.file, self.name).put(left)
+                log.warning("meter %s: %d rows could not be sent, they are in %s", self.name, len(left), self.file)
+
+    def _flush(self, *, wait: bool) -> None:
+        with self._lock:
+            self._energy.settle()
+            if self._out.put(self._rows(), wait=wait):
+                self._sums, self._drawn = {}, {}
+            self._flushed_s = time.monotonic()
+
+    def _rows(self) -> Rows:
+        return [*self._counted(), *self._measured()]
+
+    def _go_on_forked(self) -> None:
+        self._begin()
+        self._out.forked()
 
     def _cell(self, key: Key) -> Cell:
         return self._drawn.setdefault(key, Cell())
@@ -157,7 +191,7 @@ class Meter:
             before, self._label = self._label, label
             self._energy.enter(*label, "")
             if not self._depth and time.monotonic() - self._flushed_s >= _FLUSH_S:
-                self.flush()
+                self._flush(wait=False)
         return before
 
     def _count(self, what: str, end: str, other: str, amount: float) -> None:
@@ -182,7 +216,7 @@ class Meter:
             raise ConfigurationError(f"meter {self.name}: {end} {link} without {word}=, expected a client's name")
 
     def _counted(self) -> Iterator[tuple[object, ...]]:
-        me = self.name if self.role == "robot" else DATA_CENTER
+        me = self.name if self.role == "robot" else _CENTER
         for (what, end, other, (activity, round_)), (messages, amount) in self._sums.items():
             robot, to = me, ""
             if what == "sidelink":
@@ -194,10 +228,18 @@ class Meter:
                 yield (*self._place, robot, to, word, value, end, activity, round_, "")
 
     def _measured(self) -> Iterator[tuple[object, ...]]:
-        me = self.name if self.role == "robot" else DATA_CENTER
+        me = self.name if self.role == "robot" else _CENTER
         for (_, where, _), cell in self._drawn.items():
             activity, round_, _, how = where.rsplit("/", 3)
             told = {"seconds": cell.messages, "cpu_s": cell.packet_bytes} if how != NVML else {}
             for what, value in (told | {"joules": cell.payload_bytes}).items():
                 label = how if what == "joules" else ""
                 yield (*self._place, me, "", what, f"{value / _N:.9f}", "", activity, round_, label)
+
+
+def _bus(name: str, broker: str) -> _Out:
+    try:
+        from jouleswarm.common.meter.counts_bus import CountsBus
+    except ImportError as error:
+        raise ConfigurationError(f"meter {name}: broker= needs paho-mqtt: `pip install paho-mqtt`") from error
+    return CountsBus(name, broker)

@@ -11,9 +11,9 @@ from flwr.app import ConfigRecord, Context, Message
 
 from jouleswarm.common.errors import ConfigurationError, PayloadError
 from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.counts_file import check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor
-from jouleswarm.common.meter.table import check_word
 
 RECORD = "jouleswarm"
 """Key of the record in a reply; the server takes it out before its strategy sees it."""

@@ -10,14 +10,14 @@ from typing import Any
 
 from flwr.app import Message
 
-from jouleswarm.common.errors import ConfigurationError, PayloadError
-from jouleswarm.common.meter.table import append, check_word
+from jouleswarm.common.errors import ConfigurationError, PayloadError, RunError
+from jouleswarm.common.meter.counts_file import check_word
 from jouleswarm.flower.client import RECORD, read_record
+from jouleswarm.flower.directory import Directory
 from jouleswarm.flower.sizes import Sizes, size_of
 
 log = logging.getLogger("flwr")
 
-COUNTS = "counts.csv"
 _Row = tuple[object, ...]
 
 
@@ -35,7 +35,9 @@ def metered(of: Any, out: str | Path = "runs", arm: str | None = None) -> Any:
         ConfigurationError: it is neither.
     """
     if hasattr(of, "send_and_receive"):
-        return MeteredGrid(of, Path(out), arm or "")
+        grid = MeteredGrid(of, Path(out), arm or "")
+        atexit.register(grid.end)  # nobody tells when it has moved its last message
+        return grid
     if hasattr(of, "start"):
         return MeteredStrategy(of, Path(out), type(of).__name__ if arm is None else arm)
     raise ConfigurationError(f"metered: got {type(of).__name__}, expected a strategy or a grid")
@@ -49,7 +51,10 @@ class MeteredStrategy:
 
     def start(self, grid: Any, *positional: Any, **named: Any) -> Any:
         """As `Strategy.start`."""
-        return self._inner.start(MeteredGrid(grid, self._out, self._arm), *positional, **named)
+        over = MeteredGrid(grid, self._out, self._arm)
+        result = self._inner.start(over, *positional, **named)
+        over.end()
+        return result
 
     def __getattr__(self, name: str) -> Any:
         if name in ("configure_train", "configure_evaluate"):  # nothing would be counted
@@ -70,16 +75,11 @@ class MeteredGrid:
         """
         check_word(arm or "arm")
         self._inner, self._arm = inner, arm
-        self.folder = (out / f"flower-{inner.run.run_id}").absolute()
+        self._directory = Directory(out, str(inner.run.run_id))
         self._names: dict[int, str] = {}
         self._asked: dict[str, tuple[str, str]] = {}  # id of a message -> what it asks for, and in which round
         self._rows: dict[int, list[_Row]] = {}
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            append(self.folder / COUNTS, [])
-        except OSError as error:
-            raise ConfigurationError(f"metered: cannot write {self.folder} ({error.strerror})") from error
-        log.info("jouleswarm: what this run costs goes to %s", self.folder)
+        log.info("jouleswarm: what this run costs goes to %s", self._directory.path)
         atexit.register(self.flush)
 
     def send_and_receive(self, messages: Iterable[Message], *, timeout: float | None = None) -> Iterable[Message]:
@@ -88,12 +88,7 @@ class MeteredGrid:
         replies = list(self._inner.send_and_receive(messages, timeout=timeout))
         self._sent(messages)
         self._received(replies)
-        try:
-            self.flush()
-        except OSError as error:  # the run is worth more than its counts
-            log.warning(
-                "jouleswarm: %s cannot be written (%s), tried again later", self.folder / COUNTS, error.strerror
-            )
+        self.flush()
         return replies
 
     def push_messages(self, messages: Iterable[Message]) -> Iterable[str]:
@@ -113,14 +108,23 @@ class MeteredGrid:
         return getattr(self.__dict__["_inner"], name)
 
     def flush(self) -> None:
-        """Write what is held; who has never said who it is goes by its node's number.
-
-        Raises:
-            OSError: it cannot be written; it stays for the next time.
-        """
+        """Write what is held; who has never said who it is goes by its node's number. What cannot be written stays for
+        the next time, with a warning: the run is worth more than its counts."""
         named = ((self._names.get(node, f"node-{node}"), rows) for node, rows in self._rows.items())
-        append(self.folder / COUNTS, [(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
-        self._rows = {}
+        try:
+            self._directory.add([(self._arm, "fl", "", name, "", *row) for name, rows in named for row in rows])
+        except OSError as error:
+            log.warning("jouleswarm: %s cannot be written (%s), tried again later", error.filename, error.strerror)
+        else:
+            self._rows = {}
+
+    def end(self) -> None:
+        """Write what is held, and that this is all."""
+        self.flush()
+        try:
+            self._directory.end()
+        except RunError as error:
+            log.warning("jouleswarm: %s", error)
 
     def _sent(self, messages: list[Message]) -> None:
         for message in messages:  # after it went out, when it has its number

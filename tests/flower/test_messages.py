@@ -99,7 +99,7 @@ def test_what_cannot_be_metered_is_refused_in_one_line(found: dict[str, Any]) ->
     nested, number, folder, fewer = found["refused"]
     assert nested.endswith("metered: configure_train is called from outside, expected metered(...) outermost")
     assert number.endswith("metered: got int, expected a strategy or a grid")
-    assert folder.endswith("metered: cannot write /proc/none/flower-46 (No such file or directory)")
+    assert folder.endswith("run directory /proc/none/flower-46: No such file or directory (/proc/none)")
     assert fewer.endswith("gradients: -1, expected 0 or more")
 
 

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import pytest
 
-from jouleswarm import bill
+from jouleswarm import Run, bill
+from jouleswarm.metering.metered import load_metered
 from tests.integration.conftest import Started, Starter, free_port, wait_until
 
 ROOT = Path(__file__).parents[2]
@@ -178,8 +179,10 @@ def test_arrays_and_messages_are_counted_by_client_and_round(done: Done) -> None
 
 
 def test_a_bill_comes_of_the_directory(done: Done) -> None:
-    joules = bill(done.simulated)["fl"].loc["FedAvg"]
+    joules = Run(done.simulated).bill()["fl"].loc["FedAvg"]
     moved = sums(done.simulated, "what")
+    assert bill(done.simulated)["fl"].loc["FedAvg"].to_list() == joules.to_list()
+    assert load_metered(done.simulated).is_complete
     assert joules["computing_robots"] == pytest.approx(2 * 3 * 20 * 5.1 * 0.4)
     assert joules["uplink"] == pytest.approx(moved[("uplink_bytes",)] * 8 / 200e3)
 
