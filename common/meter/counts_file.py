@@ -13,6 +13,8 @@ from pathlib import Path
 from jouleswarm.common.errors import ConfigurationError
 
 COLUMNS = ("arm", "phase", "task", "robot", "to", "what", "value", "end", "activity", "round", "how")
+COUNTS = "counts.csv"
+"""In the run directory of a meter that counts in this form, in place of `meter.jsonl`."""
 _HEAD = f"{','.join(COLUMNS)}\n".encode()
 
 Rows = Sequence[tuple[object, ...]]
@@ -58,3 +60,12 @@ class CountsFile:
     def close(self) -> Rows:
         """Nothing is left that could not be written."""
         return ()
+
+
+def check_word(word: str) -> None:
+    """
+    Raises:
+        ConfigurationError: a name that cannot stand in the file.
+    """
+    if not 0 < len(word) <= 100 or not word.isprintable() or word.strip(" #") != word:
+        raise ConfigurationError(f"meter: name {word!r:.120}, expected 1 to 100 printable letters without # at an end")

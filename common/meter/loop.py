@@ -18,7 +18,7 @@ from typing import Literal, Protocol
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import Cell, Key
-from jouleswarm.common.meter.counts_file import CountsFile, Rows
+from jouleswarm.common.meter.counts_file import CountsFile, Rows, check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor
 
@@ -89,8 +89,8 @@ class Meter:
             raise ConfigurationError(f"meter {name}: role {role!r}, expected 'robot' or 'server'")
         if role == "robot" and name in (_SERVER, _CENTER):
             raise ConfigurationError(f"meter {name}: a robot's name, expected another one, or role='server'")
-        _check_word(name)
-        _check_word(arm or "arm")
+        check_word(name)
+        check_word(arm or "arm")
         self.name, self.role, self.file = name, role, Path(file).absolute()
         self._place, self._rated, self._gpu_uuid = (arm, stage, "" if task is None else str(task)), rated, gpu_uuid
         self._begin()
@@ -114,7 +114,7 @@ class Meter:
         Raises:
             ConfigurationError: another thread has a phase open, or the name cannot stand in the file.
         """
-        _check_word(name)
+        check_word(name)
         before = self._go((name, "" if round is None else str(round)), 1)
         try:
             yield
@@ -207,7 +207,7 @@ class Meter:
             held[1] += amount
 
     def _check(self, link: str, end: str, other: str) -> None:
-        _check_word(other)
+        check_word(other)
         if _ROLES.get((link, end)) != self.role:
             ways = [each for (each, way), role in _ROLES.items() if (way, role) == (end, self.role)]
             raise ConfigurationError(f"meter {self.name}: a {self.role} has {end} {link}, expected {' or '.join(ways)}")
@@ -243,8 +243,3 @@ def _bus(name: str, broker: str) -> _Out:
     except ImportError as error:
         raise ConfigurationError(f"meter {name}: broker= needs paho-mqtt: `pip install paho-mqtt`") from error
     return CountsBus(name, broker)
-
-
-def _check_word(word: str) -> None:
-    if not 0 < len(word) <= 100 or not word.isprintable() or word.strip(" #") != word:
-        raise ConfigurationError(f"meter: name {word!r:.120}, expected 1 to 100 printable letters without # at an end")

@@ -10,6 +10,7 @@ from typing import Any
 
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.counts_file import COUNTS
 from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.common.scenario.reading import Override
@@ -21,6 +22,7 @@ from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.energy.repricing import changed_fields, words_of
 from jouleswarm.energy.rows import Row as BillRow
 from jouleswarm.energy.rows import read_rows
+from jouleswarm.metering.counted import read_counted
 from jouleswarm.metering.directory import FACTS, KIND, MANIFEST, METER, SCHEMA, SUMMARY, WINDOWS
 from jouleswarm.metering.windows import Window
 from jouleswarm.metering.written import Told, bill_rows, numbers_of, told_rows
@@ -113,6 +115,8 @@ def load_metered(path: Path) -> Metered:
         ]
         file = path / FACTS
         told = _lines(file)
+        if (file := path / COUNTS).exists():
+            rows, told = read_counted(file, rules)
     except (OSError, ValueError, TypeError, KeyError, ConfigurationError) as error:
         raise RunError(f"{file}: cannot be read ({error}), expected what `jouleswarm meter` writes") from error
     return Metered(path, manifest, rows, rules, windows, told, (path / SUMMARY).exists())

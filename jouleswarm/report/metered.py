@@ -17,6 +17,7 @@ from jouleswarm.common.meter.tally import Row
 from jouleswarm.common.scenario.reading import Override, energy_file
 from jouleswarm.common.scenario.tariff import Tariff
 from jouleswarm.energy.prices import price_lists
+from jouleswarm.energy.rows import BESIDE
 from jouleswarm.metering.cost import Cost, cost_of
 from jouleswarm.metering.metered import Metered, load_metered
 from jouleswarm.metering.written import unmatched
@@ -179,4 +180,8 @@ def _notes(metered: Metered) -> list[str]:
         if held := [row for row in metered.rows if row.kind == kind]:
             notes.append(f"{what}: {bytes_text(sum(row.packet_bytes for row in held))}")
     both = (sum(row.packet_bytes for row in metered.rows if row.direction == way) for way in ("in", "out"))
-    return [*notes, "all bytes of MQTT: to the broker {}, from it {}".format(*both)]
+    if "of" not in metered.manifest:
+        return [*notes, "all bytes of MQTT: to the broker {}, from it {}".format(*both)]
+    arrays = (sum(int(each["value"]) for each in metered.told if each["what"] == what) for what in BESIDE)
+    notes.append("all bytes of {} messages: to the server {}, from it {}".format(metered.manifest["of"], *both))
+    return [*notes, "of them in arrays: to the server {}, from it {}".format(*arrays)]
