@@ -46,12 +46,12 @@ def _directory(run: Path) -> Source:
     from jouleswarm.common.disk.lock import is_held
     from jouleswarm.common.errors import ConfigurationError
     from jouleswarm.page.source import Folder
-    from jouleswarm.runs.files import read_manifest
+    from jouleswarm.runs.files import run_manifest
 
     if not run.is_dir():
         raise ConfigurationError(f"run {run}: no such directory; name the one that `jouleswarm run` printed")
     if not is_held(run):  # else it may be just beginning
-        read_manifest(run)
+        run_manifest(run)
     return Folder(run)
 
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
+    SCENARIO,
     Details,
     Dry,
     Durable,
     EnergyFile,
     KeepState,
     Measured,
+    MetricsPort,
     Out,
     Restarts,
     Resume,
@@ -25,7 +28,10 @@ from jouleswarm.cli.options import (
     ShowPage,
     overrides,
 )
-from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+
+if TYPE_CHECKING:
+    from jouleswarm.fleet.recording import Viewing
 
 
 def _present(path: Path, figures: bool, details: bool) -> None:
@@ -36,11 +42,18 @@ def _present(path: Path, figures: bool, details: bool) -> None:
         print_bill(path, details=details, html=figures, figures=figures)
 
 
+def _viewing(metrics_port: int | None) -> Viewing:
+    from jouleswarm.report.view import View
+
+    if metrics_port is None:
+        return View
+    from jouleswarm.fleet.metrics import with_metrics
+
+    return with_metrics(metrics_port, View)
+
+
 def run(
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP),
-    ] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,
@@ -59,6 +72,7 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    metrics_port: MetricsPort = None,
     details: Details = False,
     page: ShowPage = False,
 ) -> None:
@@ -71,9 +85,8 @@ def run(
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
     from jouleswarm.page.beside import page_beside
-    from jouleswarm.report.view import View
 
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
+    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -102,15 +115,20 @@ def validate(
     set_: SetOption = None,
     energy: EnergyFile = None,
     rounds: Rounds = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
-    from jouleswarm.fleet.trial import try_out
-    from jouleswarm.report.foretold import print_foretold
 
     settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
+    from jouleswarm.fleet.trial import try_out
+    from jouleswarm.report.foretold import foretold_document, print_foretold
+
     try_out(settings)
-    print_foretold(settings, rounds)
+    if as_json:
+        print_document(foretold_document(settings, rounds))
+    else:
+        print_foretold(settings, rounds)
 
 
 def record(
@@ -125,6 +143,7 @@ def record(
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    metrics_port: MetricsPort = None,
     details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -134,8 +153,7 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
-    from jouleswarm.report.view import View
 
-    settings = load_scenario(scenario, overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
+    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
     _present(path, figures, details)
