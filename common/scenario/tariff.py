@@ -13,7 +13,8 @@ from jouleswarm.common.doors import Kind, enter
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import read_links
-from jouleswarm.common.scenario.reading import Override, apply_override, energy_file, one_line
+from jouleswarm.common.scenario.mistakes import one_line
+from jouleswarm.common.scenario.reading import Override, apply_override, energy_file
 from jouleswarm.common.scenario.robots import Robot
 from jouleswarm.common.scenario.sections import Section
 
@@ -52,7 +53,7 @@ def read_tariff(path: Path | None, changes: Iterable[Override], robots: Collecti
     try:
         held = _Held.model_validate(data)
     except ValidationError as error:
-        raise ConfigurationError(f"{where}: {one_line(error)}") from error
+        raise ConfigurationError(f"{where}: {one_line(error, [_Held])}") from error
     ids = [robot.id for robot in held.robots]
     if wrong := [robot for robot in ids if robot not in robots or ids.count(robot) > 1]:
         told = f"of {sorted(robots)[0]} to {sorted(robots)[-1]}, those of the counts" if robots else "no row names one"

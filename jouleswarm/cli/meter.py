@@ -32,14 +32,16 @@ def proxy(
     """Meter what passes between clients and a broker that is not ours, whatever it is: MQTT 3.1, 3.1.1 and 5.
 
     \b
-    Say in links.toml which topics go over which link; the first rule that matches counts:
+    Say in links.toml which topics go over which link; the first rule that
+    matches counts:
         "fed/+round/+client/up" = { link = "uplink" }
         "fed/+round/model"      = { link = "downlink" }
         "peers/+sender/weights" = { link = "sidelink" }
     Then have your clients connect to the proxy in place of the broker:
         jouleswarm meter proxy --to mqtt://127.0.0.1:1883 --links links.toml
         mosquitto_pub -p 1884 -t fed/1/robot-3/up -m hello
-    Ctrl-C ends it, shows what was counted, and leaves RUN/meter.jsonl and RUN/bill.csv:
+    Ctrl-C ends it, shows what was counted, and leaves RUN/meter.jsonl and
+    RUN/bill.csv:
         jouleswarm bill runs/RUN/bill.csv
 
     Bytes are passed on as they come, and only counted: a stream that is not MQTT goes through as it is, and is counted

@@ -7,7 +7,22 @@ from typing import Annotated
 
 import typer
 
+from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import EnergyFile, EnergyOption
+
+Beta = Annotated[
+    str | None, typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one.")
+]
+CarbonDatacenter = Annotated[float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")]
+CarbonRobots = Annotated[float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")]
+MeterLogs = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
+]
+MeterNames = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
+]
 
 
 def report(
@@ -16,16 +31,9 @@ def report(
     sl: Annotated[float | None, typer.Option(help="Sidelink efficiency, kb/J.")] = None,
     dl: Annotated[float | None, typer.Option(help="Downlink efficiency, kb/J.")] = None,
     pue: Annotated[float | None, typer.Option(help="Power usage effectiveness of the data center.")] = None,
-    beta: Annotated[
-        str | None,
-        typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one."),
-    ] = None,
-    carbon_datacenter: Annotated[
-        float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")
-    ] = None,
-    carbon_robots: Annotated[
-        float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")
-    ] = None,
+    beta: Beta = None,
+    carbon_datacenter: CarbonDatacenter = None,
+    carbon_robots: CarbonRobots = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
     set_: EnergyOption = None,
     budget: Annotated[
@@ -34,21 +42,19 @@ def report(
     ] = None,
     why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
     energy: EnergyFile = None,
-    meter: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
-    ] = None,
-    meter_name: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
-    ] = None,
+    meter: MeterLogs = None,
+    meter_name: MeterNames = None,
     meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
 
     --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
     """
+    from jouleswarm.runs.files import read_manifest
+
+    read_manifest(run_directory)  # before anything heavy is loaded
     from jouleswarm.common.scenario.reading import energy_file
     from jouleswarm.energy.repricing import Prices, parse_beta
     from jouleswarm.report.outside import Meters
@@ -66,11 +72,19 @@ def report(
     )
     changes = [*energy_file(energy), *prices.changes, *(set_ or ())]
     meters = Meters(meter or (), meter_name or (), meter_shift) if meter or meter_name or meter_shift else None
+    if as_json:
+        from jouleswarm.report.document import report_document
+
+        print_document(report_document(run_directory, changes, budget=budget, why=why, meters=meters))
+        return
     print_bill(run_directory, changes=changes, budget=budget, why=why, meters=meters, html=figures, figures=figures)
 
 
-def audit() -> None:
+def audit(as_json: JsonOption = False) -> None:
     """Print the paper's published figures beside what its equations and constants give."""
-    from jouleswarm.report.audit import print_audit
+    from jouleswarm.report.audit import audit_document, print_audit
 
-    print_audit()
+    if as_json:
+        print_document(audit_document())
+    else:
+        print_audit()

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
+    SCENARIO,
     Dry,
     Durable,
     EnergyFile,
     KeepState,
     Measured,
+    MetricsPort,
     Out,
     Restarts,
     Resume,
@@ -23,7 +26,10 @@ from jouleswarm.cli.options import (
     Seed,
     overrides,
 )
-from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+
+if TYPE_CHECKING:
+    from jouleswarm.fleet.recording import Viewing
 
 
 def _present(path: Path, figures: bool) -> None:
@@ -35,11 +41,18 @@ def _present(path: Path, figures: bool) -> None:
         print(f"run directory: {path}")
 
 
+def _viewing(metrics_port: int | None) -> Viewing:
+    from jouleswarm.report.view import View
+
+    if metrics_port is None:
+        return View
+    from jouleswarm.fleet.metrics import with_metrics
+
+    return with_metrics(metrics_port, View)
+
+
 def run(
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP),
-    ] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,
@@ -58,6 +71,7 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    metrics_port: MetricsPort = None,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -67,9 +81,8 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
-    from jouleswarm.report.view import View
 
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
+    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -95,15 +108,20 @@ def validate(
     set_: SetOption = None,
     energy: EnergyFile = None,
     rounds: Rounds = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
-    from jouleswarm.fleet.trial import try_out
-    from jouleswarm.report.foretold import print_foretold
 
     settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
+    from jouleswarm.fleet.trial import try_out
+    from jouleswarm.report.foretold import foretold_document, print_foretold
+
     try_out(settings)
-    print_foretold(settings, rounds)
+    if as_json:
+        print_document(foretold_document(settings, rounds))
+    else:
+        print_foretold(settings, rounds)
 
 
 def record(
@@ -118,6 +136,7 @@ def record(
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    metrics_port: MetricsPort = None,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
 
@@ -126,8 +145,7 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
-    from jouleswarm.report.view import View
 
-    settings = load_scenario(scenario, overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
+    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
     _present(path, figures)

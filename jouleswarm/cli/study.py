@@ -66,6 +66,9 @@ def tables(
 
     With energy.datacenter_g_per_kwh and energy.robots_g_per_kwh the tables have gCO2e beside joules.
     """
+    from jouleswarm.studies.record import read_record
+
+    read_record(results_directory)  # before anything heavy is loaded
     from jouleswarm.studies.run import make_tables, reprice
 
     _list(reprice(results_directory, set_ or [], out) if set_ or out else make_tables(results_directory))
@@ -97,6 +100,9 @@ def savazzi2021(
     """Centralized learning, FL by a server and consensus FL over link efficiencies and countries, after Savazzi et al.
     2021 (arXiv 2103.10346): where each wins. Nothing is run.
     """
+    from jouleswarm.studies.record import read_record
+
+    read_record(facts)  # before anything heavy is loaded
     from jouleswarm.studies.savazzi2021 import make_study
 
     _list(make_study(facts, set_ or [], results))

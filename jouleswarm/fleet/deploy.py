@@ -96,14 +96,11 @@ def resume_deployment(
     Raises:
         ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
             is at work on it.
-        RunError: something of it is not as it was written; nothing has been started.
+        RunError: something of it is not as it was written, or another version wrote it; nothing has been started.
     """
-    held = path / MANIFEST
-    if not held.exists():
-        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
-    manifest = read_manifest(path)
+    manifest, held = read_manifest(path), path / MANIFEST
     if other := other_version(manifest):
-        raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
+        raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     with Lock(path, "jouleswarm run --resume"):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from jouleswarm.common.disk.files import write_whole
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.wire.rules import Rule, read_rules
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.metering.tally import Row
@@ -43,15 +43,15 @@ def read_metered(folder: Path) -> tuple[list[Row], list[Rule]]:
     """What a meter has written, or writes still.
 
     Raises:
-        RunError: there is nothing, or it is not as it was written.
+        ConfigurationError: there is nothing.
+        RunError: it is not as it was written.
     """
     try:
         lines = (folder / METER).read_text(encoding="utf-8").splitlines()
         return [Row(**json.loads(line)) for line in lines], read_rules(folder / RULES)
     except (OSError, ValueError, TypeError) as error:
-        raise RunError(
-            f"{folder / METER}: cannot be read ({error}), expected what `jouleswarm meter` writes"
-        ) from error
+        kind = ConfigurationError if isinstance(error, OSError) else RunError
+        raise kind(f"{folder / METER}: cannot be read ({error}), expected what `jouleswarm meter` writes") from error
 
 
 def numbers_of(rows: Iterable[Row]) -> dict[str, int]:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.runs.directory import MANIFEST, SUMMARY
 from jouleswarm.runs.summary import SCHEMA
@@ -22,11 +22,13 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """The manifest of a run directory, of this version's schema.
 
     Raises:
-        RunError: there is none, or it is damaged, or of another schema.
+        ConfigurationError: there is none: this is no run directory.
+        RunError: it is damaged, or of another schema.
     """
     file = path / MANIFEST
     if not file.exists():
-        raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
+        told = f"has no {MANIFEST}; name one that `jouleswarm run` printed"
+        raise ConfigurationError(f"{path} is not a run directory: {told}")
     manifest = read_json(file)
     if manifest.get("schema") != SCHEMA:
         other = other_version(manifest)

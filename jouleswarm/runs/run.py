@@ -134,7 +134,7 @@ def load_run(path: str | Path) -> Run:
     """Read a run directory, also of a run that was cut short.
 
     Raises:
-        ConfigurationError: `path` is not a directory.
+        ConfigurationError: `path` is not a run directory.
         RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage), or written
             by another version in a way that this one cannot read.
     """

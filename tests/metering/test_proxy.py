@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.common.bus.address import BrokerAddress, parse_url
-from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.fleet.certificates import Validity, make_ca, make_server
 from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
 from jouleswarm.metering.serve import make_folder, parse_listen
@@ -150,7 +150,7 @@ def test_what_can_not_be_listened_on_is_one_line(tmp_path: Path) -> None:
         async with proxy.listening("127.0.0.1", 0) as port, proxy.listening("127.0.0.1", port):
             pass
 
-    with pytest.raises(RunError, match="cannot listen on"):
+    with pytest.raises(ConfigurationError, match="cannot listen on"):
         asyncio.run(taken())
 
 
