@@ -1,5 +1,6 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
+# make compose  the same by Docker Compose (see docker-compose.yml), the answer last
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
 #
@@ -19,7 +20,7 @@ VENV := .venv
 BIN  := $(VENV)/bin
 PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test setup wheels clean
+.PHONY: run test setup compose wheels clean
 
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
@@ -29,6 +30,11 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# A deployment ends under the lines of containers that stop: what the recorder said last is said once more below them.
+compose:
+	@docker compose up --build --abort-on-container-exit; code=$$?; docker compose cp recorder:/runs/. runs; \
+	docker compose logs --no-log-prefix --tail 40 recorder; exit $$code
 
 setup: $(VENV)/installed
 

@@ -1,11 +1,11 @@
 """Broken clients against a real broker process, while an honest pair exchanges numbered messages through it.
 
-    python -m fuzz.broker [--connections 100000] [--seed 1] [--at-once 48] [--minutes 10] [--proxy]
+    python -m fuzz.broker [--connections 100000] [--seed 1] [--at-once 48] [--minutes 10] [--proxy [mosquitto]]
 
 The broker must live, answer, end whom it must end, come back to the file descriptors that it had, stay within
 --rss-limit-mb and log no traceback; of the honest messages none may be lost, changed or out of order. Exit code 1
 otherwise. Connections end with RST, so that the machine does not run out of ports. With --proxy all of them go through
-a metering proxy, and it is the one that is looked at.
+a metering proxy, and it is the one that is looked at; Mosquitto behind it need not end whom the embedded broker must.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
 import psutil
 
-from benchmarks.harness import MEGABYTE, Running, embedded, metered, parser
+from benchmarks.harness import MEGABYTE, Running, embedded, metered, mosquitto, parser
 from fuzz.honest_pair import HonestPair
 from fuzz.hostile_packets import KINDS, Kind, connect
 from jouleswarm.common.bus.address import parse_url
@@ -89,16 +89,16 @@ async def _end_of(sock: socket.socket, kind: Kind) -> str:
 
 
 async def attack(
-    address: tuple[str, int], connections: int, seed: int, at_once: int, minutes: float
+    address: tuple[str, int], kinds: Sequence[Kind], connections: int, seed: int, at_once: int, minutes: float
 ) -> dict[str, Counter[str]]:
     """All connections, `at_once` of them at a time; their order and bytes follow from the seed."""
-    by_kind = {kind.name: Counter[str]() for kind in KINDS}
+    by_kind = {kind.name: Counter[str]() for kind in kinds}
     until_s = time.monotonic() + 60 * minutes
     numbers = itertools.takewhile(lambda _: time.monotonic() < until_s, range(connections))
 
     async def worker() -> None:
         for number in numbers:
-            kind = KINDS[number % len(KINDS)]
+            kind = kinds[number % len(kinds)]
             by_kind[kind.name][await be_hostile(kind, address, random.Random(f"{seed} {number}"))] += 1
 
     await asyncio.gather(*(worker() for _ in range(at_once)))
@@ -114,22 +114,24 @@ def settled_fds(process: psutil.Process, wanted: int) -> int:
 
 
 @contextlib.contextmanager
-def attacked(errors: IO[str], *, proxy: bool) -> Iterator[Running]:
-    """A broker, or the proxy before one."""
-    with embedded(*LIMITS, log=errors) as broker, contextlib.ExitStack() as stack:
+def attacked(errors: IO[str], proxy: str | None) -> Iterator[Running]:
+    """The embedded broker, or the proxy before it or before Mosquitto."""
+    with contextlib.ExitStack() as stack:
+        broker = stack.enter_context(mosquitto() if proxy == "mosquitto" else embedded(*LIMITS, log=errors))
         yield stack.enter_context(metered(broker.url, errors)) if proxy else broker
 
 
 def run(
     connections: int, seed: int, at_once: int, rss_limit_mb: float, log: Path, minutes: float = math.inf,
-    *, proxy: bool = False,
+    *, proxy: str | None = None,
 ) -> Result:  # fmt: skip
     """Start a broker, attack it, and look at what is left."""
-    with log.open("w") as errors, attacked(errors, proxy=proxy) as broker, HonestPair(broker.url) as pair:
+    kinds = [replace(kind, ends=kind.ends and proxy != "mosquitto") for kind in KINDS]
+    with log.open("w") as errors, attacked(errors, proxy) as broker, HonestPair(broker.url) as pair:
         address, process, child = parse_url(broker.url), psutil.Process(broker.pid), broker.process
         pair.wait_for(50)
         rss, fds, begun_s = process.memory_info().rss, process.num_fds(), time.monotonic()
-        result = Result(asyncio.run(attack((address.host, address.port), connections, seed, at_once, minutes)))
+        result = Result(asyncio.run(attack((address.host, address.port), kinds, connections, seed, at_once, minutes)))
         result.seconds, result.cpu_s = time.monotonic() - begun_s, sum(process.cpu_times()[:2])
         result.fds = fds, settled_fds(process, fds)
         result.rss_growth_bytes = process.memory_info().rss - rss
@@ -179,7 +181,10 @@ def main() -> None:
     known.add_argument("--at-once", type=int, default=48)
     known.add_argument("--minutes", type=float, default=math.inf, help="stop earlier")
     known.add_argument("--rss-limit-mb", type=float, default=160.0)
-    known.add_argument("--proxy", action="store_true", help="attack a metering proxy before the broker")
+    known.add_argument(
+        "--proxy", nargs="?", const="embedded", choices=("embedded", "mosquitto"),
+        help="attack a metering proxy before this broker (if none is named, the embedded one)",
+    )  # fmt: skip
     known.add_argument("--log", type=Path, help="keep the broker's log")
     options = known.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -119,7 +119,7 @@ def test_a_run_from_an_empty_folder_ends_with_its_bill(call: Callable[..., Done]
     assert "run directory: runs/first" in done.text
     bill = call("jouleswarm", "report", "runs/first")
     assert bill.code == 0, bill.text
-    assert "kJ" in bill.text
+    assert "What each arm learned and cost" in bill.text
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
 
 

@@ -13,7 +13,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 Models = Sequence[type[BaseModel]]
-_SHORT, _CLOSE_IF_SHORT, _CLOSE = 3, 0.5, 0.65
+_SHORT, _CLOSE_IF_SHORT, _CLOSE = 4, 0.5, 0.65
 
 
 def one_line(error: ValidationError, models: Models, within: str = "") -> str:

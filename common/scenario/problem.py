@@ -26,6 +26,7 @@ class Problem(Section):
         max_length=200,
         description="of the run on the bus, and the beginning of its folder's",
     )
+    note: str = Field("", max_length=300, description="what a reader of its answer is told beside it")
     environment: str = Field(
         LANDMARKS, max_length=200, description="landmarks, cartpole, minigrid, module:factory or a Gymnasium id"
     )

@@ -24,10 +24,14 @@ come with the package, by name:
 | `quick` | the paper's 12 robots and 6 tasks with a compact network |
 | `paper` | the full-size DeepMind network: 1,391,268 parameters, 5,565,072 bytes; t0 = 210 |
 | `hexapod` | the authors' own grid and reward table |
-| `toy` | 2 tasks, 2 robots each, a tiny network: a first look in seconds |
+| `toy` | 2 tasks, 2 robots each, a tiny network: a smoke test in seconds, too small to conclude anything from |
 | `frozenlake` | Gymnasium's FrozenLake, a map for each task: numbers as observations |
 | `cartpole` | Gymnasium's CartPole, a pole length for each task: vectors |
 | `minigrid` | MiniGrid: images; needs `pip install jouleswarm[minigrid]` |
+
+`jouleswarm init mine.toml` writes one of your own, valid as it is, every field in it with its default. For an editor
+that completes and checks TOML (taplo, Even Better TOML): `jouleswarm schema > scenario.schema.json`, and as the
+scenario's first line `#:schema ./scenario.schema.json`.
 
 A task of the landmarks is a drawing:
 

@@ -16,6 +16,7 @@ from jouleswarm.common.scenario.robots import OwnConstants
 
 CHANGES_NOTHING: dict[str, Any] = {
     "name": True,
+    "note": True,
     "energy": True,
     "bus": True,
     "robots": {"__all__": {*OwnConstants.model_fields, "kind", "position_m"}},

@@ -8,6 +8,9 @@ from typing import NamedTuple
 from jouleswarm.common.scenario.documents import parse_toml
 from jouleswarm.common.scenario.reading import SCENARIOS
 
+_FOR_EDITORS = "#:"
+"""Such a comment names the file's schema."""
+
 
 class OnShelf(NamedTuple):
     """A scenario, not checked."""
@@ -36,6 +39,6 @@ def _seen(path: Path, name: str) -> OnShelf | None:
     tasks = held.get("tasks")
     if not isinstance(tasks, list) or not tasks:
         return None
-    first = text.splitlines()[0]
+    first = next((line for line in text.splitlines() if not line.startswith(_FOR_EDITORS)), "")
     what = first.lstrip("# ") if first.startswith("#") else f"name {held.get('name', 'unset')}"
     return OnShelf(name, what, len(tasks))

@@ -33,23 +33,25 @@ _TASKS = """
 def template(name: str) -> str:
     """A file's text: the shipped toy's values, and all other fields as comments; `name` is the scenario's."""
     given = parse_toml((SCENARIOS / f"{_BASE}.toml").read_text(encoding="utf-8")) | {"name": name}
+    given.pop("note", None)  # of the toy alone
     factory: Any = factory_of(LANDMARKS, None)
     tables: dict[str, Any] = dict(factory.sections)
     for field, info in Scenario.model_fields.items():
         model = section_of(info.annotation)
         if model is not None and info.annotation == model:
             tables[field] = model
-    parts = [_HEAD.format(name=name), *_fields(Scenario, given)]
+    parts = [_HEAD.format(name=name), *_fields(Scenario, given, {})]
     for table, model in tables.items():
-        parts += [f"\n[{table}]\n", *_fields(model, given.get(table, {}))]
+        parts += [f"\n[{table}]\n", *_fields(model, given.get(table, {}), factory.defaults.get(table, {}))]
     return "".join([*parts, _TASKS, *_tasks(given["tasks"])])
 
 
-def _fields(model: type[BaseModel], given: Mapping[str, Any]) -> Iterator[str]:
+def _fields(model: type[BaseModel], given: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[str]:
     for name, field in model.model_fields.items():
         if section_of(field.annotation) is not None:
             continue
-        value = given.get(name, None if field.is_required() else field.get_default(call_default_factory=True))
+        plain = None if field.is_required() else field.get_default(call_default_factory=True)
+        value = given.get(name, defaults.get(name, plain))
         unset = " (unset)" if value is None else ""
         lines = textwrap.wrap(f"{name}{unset}: {field.description}", _WIDTH)
         yield "".join(f"## {line}\n" for line in lines)

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from jouleswarm.common.errors import JouleSwarmError
+from jouleswarm.common.disk.trouble import full_disk_is_told
+from jouleswarm.common.errors import JouleSwarmError, RunError, used_up
 from jouleswarm.common.process import STOPPED
 
 SCHEMA = 1
@@ -33,9 +34,14 @@ def print_document(content: Mapping[str, Any]) -> None:
 def command_in_json(app: typer.Typer) -> None:
     """Run a command whose errors are documents; ends with its exit code. A defect keeps its traceback."""
     try:
-        code = app(prog_name="jouleswarm", standalone_mode=False) or 0
+        with full_disk_is_told():
+            code = app(prog_name="jouleswarm", standalone_mode=False) or 0
     except JouleSwarmError as error:
         code = _print_error(error.kind, str(error), error.exit_code)
+    except OSError as error:
+        if (line := used_up(error)) is None:
+            raise
+        code = _print_error(RunError.kind, line, RunError.exit_code)
     except Exception as error:
         if not hasattr(error, "format_message"):  # Typer's own, of arguments
             raise

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from jouleswarm.cli.options import ScenarioFile
+from jouleswarm.common.invoked import executable, python
 from jouleswarm.common.options import SetOption
 
 keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
@@ -30,6 +31,7 @@ def init(
     refresh: Annotated[
         bool, typer.Option("--refresh", help="Leave a folder of keys that still serves this scenario; replace another.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Give no advice on what to type next.")] = False,
 ) -> None:
     """Make certificates, passwords and topic rights for every client of a scenario.
 
@@ -63,12 +65,16 @@ def init(
     print(
         f"{out}: certificates for {days} days (the broker's for {', '.join(names)}), passwords and rights of "
         f"{len(clients)} clients:\n"
-        f"  {', '.join(clients)}\n"
+        f"  {', '.join(clients)}"
+    )
+    if quiet:
+        return
+    print(
         "Next, all on this machine:\n"
-        f"  jouleswarm run {scenario} --keys {out}\n"
+        f"  {executable()} run {scenario} --keys {out}\n"
         "or process by process:\n"
-        f"  python -m jouleswarm.broker --keys {out}\n"
-        f"  jouleswarm record {scenario} {there}\n"
-        f"  python -m jouleswarm.datacenter --scenario {scenario} {there}\n"
-        f"  python -m jouleswarm.agents --id 1 --scenario {scenario} {there}"
+        f"  {python()} -m jouleswarm.broker --keys {out}\n"
+        f"  {executable()} record {scenario} {there}\n"
+        f"  {python()} -m jouleswarm.datacenter --scenario {scenario} {there}\n"
+        f"  {python()} -m jouleswarm.agents --id 1 --scenario {scenario} {there}"
     )

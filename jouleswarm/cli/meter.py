@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from jouleswarm.cli.options import EnergyFile, EnergyOption, Out, RunId
+from jouleswarm.common.invoked import executable
 
 meter = typer.Typer(no_args_is_help=True, help="Count the bytes of any MQTT application, to be priced in joules.")
 
@@ -70,7 +72,7 @@ def proxy(
     rows = asyncio.run(serve(made, where, folder, rules, tell))
     never = [f"{links}, line {rule.line}, {rule.text} ({rule.priced.link})" for rule in unmatched(rows, rules)]
     show(metered_table(rows, never), Console())
-    typer.echo(f"price it: jouleswarm bill {folder / 'bill.csv'}")
+    typer.echo(f"price it: {executable()} bill {shlex.quote(str(folder / 'bill.csv'))}")
 
 
 @meter.command()

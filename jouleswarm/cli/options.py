@@ -52,6 +52,19 @@ Measured = Annotated[
         "--measure", help="Have each process measure its own joules too (RAPL, NVML, else estimated by CPU time)."
     ),
 ]
+Budget = Annotated[
+    str | None,
+    typer.Option(help="What each arm had learned when so much was spent: 10kJ, 2Gbit, 4000motions, 500gradients."),
+]
+PowerLogs = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
+]
+PowerLogNames = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
+]
+Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes too, before the answer.")]
 Resume = Annotated[
     Path | None,
     typer.Option(help="In place of a scenario: go on with this run directory, from where it was interrupted."),

@@ -8,21 +8,13 @@ from typing import Annotated
 import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
-from jouleswarm.cli.options import EnergyFile, EnergyOption
+from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, PowerLogNames, PowerLogs
 
 Beta = Annotated[
     str | None, typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one.")
 ]
 CarbonDatacenter = Annotated[float | None, typer.Option(help="Carbon intensity where the data center is, gCO2e a kWh.")]
 CarbonRobots = Annotated[float | None, typer.Option(help="Carbon intensity where the robots are charged, gCO2e a kWh.")]
-MeterLogs = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="CSV", help="A power meter's log (time, watt or joules, name): measured against priced."),
-]
-MeterNames = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
-]
 
 
 def report(
@@ -36,19 +28,17 @@ def report(
     carbon_robots: CarbonRobots = None,
     via_base_station: Annotated[bool, typer.Option(help="Sidelinks go up to the base station and down.")] = False,
     set_: EnergyOption = None,
-    budget: Annotated[
-        str | None,
-        typer.Option(help="What each arm had learned when so much was spent: 10kJ, 2Gbit, 4000motions, 500gradients."),
-    ] = None,
+    budget: Budget = None,
     why: Annotated[bool, typer.Option(help="What each bill hangs on, and where the verdict turns.")] = False,
     energy: EnergyFile = None,
-    meter: MeterLogs = None,
-    meter_name: MeterNames = None,
+    meter: PowerLogs = None,
+    meter_name: PowerLogNames = None,
     meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
     figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+    details: Details = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Price a finished run again, with any constant or price list. Nothing is trained again; its files stay.
+    """Tell a run's answer, at its own prices or at any others. Nothing is trained again; its files stay.
 
     --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
     """
@@ -77,7 +67,16 @@ def report(
 
         print_document(report_document(run_directory, changes, budget=budget, why=why, meters=meters))
         return
-    print_bill(run_directory, changes=changes, budget=budget, why=why, meters=meters, html=figures, figures=figures)
+    print_bill(
+        run_directory,
+        changes=changes,
+        budget=budget,
+        why=why,
+        meters=meters,
+        details=details,
+        html=figures,
+        figures=figures,
+    )
 
 
 def audit(as_json: JsonOption = False) -> None:

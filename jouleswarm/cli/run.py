@@ -12,6 +12,7 @@ from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.followers import followed
 from jouleswarm.cli.options import (
     SCENARIO,
+    Details,
     Dry,
     Durable,
     EnergyFile,
@@ -33,13 +34,12 @@ from jouleswarm.cli.options import (
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
-def _present(path: Path, figures: bool) -> None:
+def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
-        print_bill(path, html=figures, figures=figures)
-        print(f"run directory: {path}")
+        print_bill(path, details=details, html=figures, figures=figures)
 
 
 def run(
@@ -65,6 +65,7 @@ def run(
     metrics_port: MetricsPort = None,
     tensorboard: Tensorboard = None,
     mlflow: Mlflow = None,
+    details: Details = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -97,7 +98,7 @@ def run(
             more = with_more_rounds(resume, set_) if set_ else None
             path = resume_deployment(resume, Console(), started, more)
         also.end(path)
-        _present(path, figures)
+        _present(path, figures, details)
 
 
 def validate(
@@ -138,6 +139,7 @@ def record(
     metrics_host: MetricsHost = "127.0.0.1",
     tensorboard: Tensorboard = None,
     mlflow: Mlflow = None,
+    details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
 
@@ -153,4 +155,4 @@ def record(
         view, run_ = also.beside(View), run_id or settings.name
         path = record_deployment(settings, run_, out, broker, Console(), ready_file, keys, view)
         also.end(path)
-        _present(path, figures)
+        _present(path, figures, details)

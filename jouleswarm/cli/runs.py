@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -11,6 +12,7 @@ import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import EnergyOption
+from jouleswarm.common.invoked import executable
 
 
 class Target(StrEnum):
@@ -48,7 +50,7 @@ def runs(
             if each.why:
                 print(f"{each.path.name}: {each.why}")
     else:
-        print(f"no runs in {folder}; jouleswarm run toy --out {folder} makes one")
+        print(f"no runs in {folder}; make one: {executable()} run toy --out {shlex.quote(str(folder))}")
 
 
 def compare(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.common.errors import ConfigurationError, usable
+from jouleswarm.common.invoked import executable
 
 
 def scenarios(as_json: JsonOption = False) -> None:
@@ -53,7 +55,8 @@ def init(
                 written.write(text)
         except FileExistsError:
             raise ConfigurationError(f"{path} is there already; name another file") from None
-    print(f"wrote {path}\nnext: jouleswarm validate {path}\n      jouleswarm run {path}")
+    program, typed = executable(), shlex.quote(str(path))
+    print(f"wrote {path}\nnext: {program} validate {typed}\n      {program} run {typed}")
 
 
 def schema() -> None:

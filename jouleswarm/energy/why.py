@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.energy.facts import Facts
+from jouleswarm.energy.prices import PriceList, price
 
 Price = Callable[[Energy], float]
 """Joules of something at other constants."""
@@ -59,7 +61,7 @@ def hangs(energy: Energy, mine: Price, other: Price | None = None) -> Iterator[H
         if up == down and (other is None or other(scaled(energy, constant, 2.0)) == other(energy)):
             continue
         slope = math.log(up / down) / math.log((1 + _STEP) / (1 - _STEP)) if min(up, down) > 0 else 0.0
-        turns = None if other is None else _turning(energy, constant, mine, other)
+        turns = None if other is None else turning(energy, constant, mine, other)
         yield Hang(constant, value, slope, None if turns is None else turns * value)
 
 
@@ -76,8 +78,9 @@ def scaled(energy: Energy, constant: str, factor: float) -> Energy:
     return energy.model_copy(update={constant: getattr(energy, constant) * factor})
 
 
-def _turning(energy: Energy, constant: str, mine: Price, other: Price) -> float | None:
-    """The factor nearest to 1 at which the difference of the bills changes its sign; by halving in its logarithm."""
+def turning(energy: Energy, constant: str, mine: Price, other: Price) -> float | None:
+    """The factor of a constant nearest to 1 at which the difference of the bills changes its sign, None where none
+    within six decades does; by halving in its logarithm."""
 
     def difference(exponent: float) -> float:
         here = scaled(energy, constant, 10.0**exponent)
@@ -93,3 +96,14 @@ def _turning(energy: Energy, constant: str, mine: Price, other: Price) -> float 
                 near, far = (near, middle) if difference(middle) * start < 0 else (middle, far)
             found.append((near + far) / 2)
     return 10.0 ** min(found, key=abs) if found else None
+
+
+def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -> Price:
+    """An arm's total by a list, at any constants; `beta` of its own in place of theirs."""
+
+    def total(energy: Energy) -> float:
+        here = energy if beta is None else energy.model_copy(update={"beta": beta})
+        bill = price(prices, facts, here)
+        return math.nan if bill is None else bill.total_j
+
+    return total

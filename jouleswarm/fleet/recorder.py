@@ -242,9 +242,9 @@ class Recorder:
         check_row(row, client, self._scenario)
         self._directory.round(row, time.time())
         self.newest[row.arm, row.task, row.agent] = row
+        self.on_row(row)
         self.spent.take(row, telemetry.received)
         self._attendance.is_back(client)
-        self.on_row(row)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s
             self._directory.progress({"time_s": round(self.elapsed_s, 3), "bytes": self.received_bytes})

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
+from jouleswarm.common.invoked import executable
 from jouleswarm.runs.directory import MANIFEST, ROUNDS, STATE
 
 
@@ -24,8 +25,9 @@ def what_is_kept(directory: Path) -> str:
     path = directory / ROUNDS
     rows = path.read_bytes().count(b"\n") if path.exists() else 0
     kept, folder = f"{rows} rows are kept in {directory}", shlex.quote(str(directory))
+    program = executable()
     if not (directory / MANIFEST).exists():
         return f"nothing had begun; {directory} can be deleted"
     if not (directory / STATE).is_dir():
-        return f"{kept}; `jouleswarm report {folder}` shows them"
-    return f"{kept}; `jouleswarm run --resume {folder}` goes on from there"
+        return f"{kept}; `{program} report {folder}` shows them"
+    return f"{kept}; `{program} run --resume {folder}` goes on from there"

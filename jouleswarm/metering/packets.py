@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from jouleswarm.common.wire.mqtt import read_publish
-
 CONNECT, CONNACK, PUBLISH, AUTH = 1, 2, 3, 15
 MQTT_5 = 5
 MOST_BEGINNING_BYTES = 256 * 1024
 """Of a packet whose properties are not there yet, no more is held."""
 _PROTOCOLS = {b"MQIsdp": (3,), b"MQTT": (4, MQTT_5)}
 _BRIDGE = 0x80  # what Mosquitto's bridges add to the version
-_FLAGS = {6: 2, 8: 2, 10: 2}  # of PUBREL, SUBSCRIBE, UNSUBSCRIBE; else 0 (2.1.3)
+_READ = {CONNECT, CONNACK, PUBLISH}  # more than their length
+_FLAGS = {6: (2,), 8: (2,), 10: (2,), PUBLISH: range(16)}  # of PUBREL, SUBSCRIBE, UNSUBSCRIBE; else 0 (2.1.3)
+
+
+def _firsts(*kinds: int) -> frozenset[int]:
+    """What packets of these kinds can begin with."""
+    return frozenset(kind << 4 | flags for kind in kinds for flags in _FLAGS.get(kind, (0,)))
+
+
+_FIRSTS = {0: _firsts(CONNECT), 3: _firsts(*range(1, 15)), 4: _firsts(*range(1, 15)), MQTT_5: _firsts(*range(1, 16))}
 _ALIAS, _ASSIGNED_ID = 0x23, 0x12
 # Lengths of properties (2.2.2.2) that are numbers; the others are a variable number, a string, or two of them.
 _NUMBERS = (
@@ -105,14 +112,15 @@ def read_packet(view: memoryview, version: int) -> Packet | None:
     Raises:
         ValueError: it is no packet.
     """
-    fields = _Fields(view)
-    try:
-        first, length = fields.number(), fields.length()
-    except _More:
+    if (begins := _begins(view)) is None:
         return None
-    kind, size = first >> 4, fields.at + length
-    _check(first, version)
-    body = view[fields.at : size]
+    first, length, at = begins
+    if first not in _FIRSTS[version]:
+        raise ValueError(f"a packet that begins with {first:#x}, in version {version}")
+    kind, size = first >> 4, at + length
+    if kind not in _READ:
+        return Packet(kind, size)
+    body = view[at:size]
     try:
         if kind == PUBLISH:
             return _publish(first, body, length, size, version)
@@ -129,25 +137,32 @@ def read_packet(view: memoryview, version: int) -> Packet | None:
     return Packet(kind, size)
 
 
-def _check(first: int, version: int) -> None:
-    """Raises ValueError for what can not begin a packet."""
-    kind, flags = divmod(first, 16)
-    if kind == 0 or (kind == AUTH and version != MQTT_5) or (version == 0 and kind != CONNECT):
-        raise ValueError(f"a packet of kind {kind} in version {version}")
-    if kind != PUBLISH and flags != _FLAGS.get(kind, 0):
-        raise ValueError(f"a packet of kind {kind} with flags {flags}")
+def _begins(view: memoryview) -> tuple[int, int, int] | None:
+    """The first byte, the remaining length (1.5.5), and where what it is of begins; None: not all of that is there."""
+    length = 0
+    for at in range(1, min(len(view), 5)):
+        digit = view[at]
+        length |= (digit & 127) << 7 * (at - 1)
+        if digit < 128:
+            return view[0], length, at + 1
+    if len(view) < 5:
+        return None
+    raise ValueError("a length of more than four bytes")
 
 
 def _publish(first: int, body: memoryview, length: int, size: int, version: int) -> Packet:
-    fields = _Fields(body)
-    fields.take(fields.number(2) + (2 if first & 6 else 0))
-    found = read_publish(first, body[: fields.at])
-    properties = fields.properties() if version == MQTT_5 else {}
-    alias = int(properties.get(_ALIAS, 0))
-    topic = found.topic.decode()
-    if "+" in topic or "#" in topic or not (topic or alias):
-        raise ValueError(f"a PUBLISH on {topic!r}")
-    return Packet(PUBLISH, size, topic, alias, length - fields.at, bool(first & 8))
+    end = 2 + int.from_bytes(body[:2], "big")
+    at, alias = end + (2 if first & 6 else 0), 0
+    if len(body) < max(2, at):
+        raise _More
+    if version == MQTT_5:
+        fields = _Fields(body[at:])
+        alias = int(fields.properties().get(_ALIAS, 0))
+        at += fields.at
+    topic = str(body[2:end], "utf-8")
+    if first & 6 == 6 or "+" in topic or "#" in topic or not (topic or alias):
+        raise ValueError(f"a PUBLISH that begins with {first:#x}, on {topic!r}")
+    return Packet(PUBLISH, size, topic, alias, length - at, bool(first & 8))
 
 
 def _connect(body: memoryview, size: int) -> Packet:

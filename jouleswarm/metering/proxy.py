@@ -19,17 +19,28 @@ from jouleswarm.metering.tally import Tally
 
 log = logging.getLogger("jouleswarm.metering")
 
-_HELD_BYTES = 256 * 1024
-"""Once so much waits for one side, nothing more is read from the other."""
+_READ_BYTES = 512 * 1024
+"""At most at a time. What one side can't take of them waits, and nothing more is read from the other meanwhile."""
 _CONNECT_S = 10.0
 _END_S = 1.0
 
 
-class _Side(asyncio.Protocol):
+class _Room:
+    """What all connections read into, one after the other."""
+
+    def __init__(self) -> None:
+        self.view = memoryview(bytearray(_READ_BYTES))
+
+    def renew(self) -> None:
+        """Leave what has been read to whom it waits for."""
+        self.view = memoryview(bytearray(_READ_BYTES))
+
+
+class _Side(asyncio.BufferedProtocol):
     """One side of a connection. What it receives goes to the other side; what it can't send yet holds that one up."""
 
-    def __init__(self, stream: Stream) -> None:
-        self._stream = stream
+    def __init__(self, stream: Stream, room: _Room) -> None:
+        self._stream, self._room = stream, room
         self._transport: asyncio.Transport | None = None
         self.other: _Side | None = None
         self.is_gone = False
@@ -44,13 +55,24 @@ class _Side(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.Transport, transport)
-        self._transport.set_write_buffer_limits(_HELD_BYTES)
+        self._transport.set_write_buffer_limits(1, 0)
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, sizehint: int) -> memoryview:
+        return self._room.view
+
+    def buffer_updated(self, nbytes: int) -> None:
         if self.other is None:
-            self.early += data
-            return
-        self.other.transport.write(data)
+            self.early += self._room.view[:nbytes]
+        else:
+            self._pass_on(self._room.view[:nbytes])
+
+    def _pass_on(self, data: bytes | memoryview) -> None:
+        """Send first, count then."""
+        assert self.other is not None
+        transport = self.other.transport
+        transport.write(data)
+        if transport.get_write_buffer_size():
+            self._room.renew()  # the transport may hold on to it
         self._stream.feed(data)
 
     def eof_received(self) -> bool:
@@ -79,7 +101,7 @@ class _Client(_Side):
 
     def __init__(self, proxy: Proxy) -> None:
         self._proxy, self._connection = proxy, Connection(proxy.tally)
-        super().__init__(self._connection.sent)
+        super().__init__(self._connection.sent, proxy.room)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
@@ -94,7 +116,7 @@ class _Client(_Side):
 
     async def _reach(self) -> None:
         proxy, loop = self._proxy, asyncio.get_running_loop()
-        broker = _Broker(self, self._connection.received)
+        broker = _Broker(self, self._connection.received, proxy.room)
         try:
             async with asyncio.timeout(_CONNECT_S):
                 await loop.create_connection(lambda: broker, proxy.broker.host, proxy.broker.port, ssl=proxy.broker_tls)
@@ -106,7 +128,8 @@ class _Client(_Side):
             broker.transport.abort()
         else:
             self.other = broker
-            self.data_received(self.early)
+            self._pass_on(self.early)
+            self.early = b""
             self.transport.resume_reading()
 
     def _forget(self) -> None:
@@ -119,8 +142,8 @@ class _Client(_Side):
 class _Broker(_Side):
     """The side of the broker."""
 
-    def __init__(self, client: _Client, stream: Stream) -> None:
-        super().__init__(stream)
+    def __init__(self, client: _Client, stream: Stream, room: _Room) -> None:
+        super().__init__(stream, room)
         self.other: _Client | None = client
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -142,6 +165,7 @@ class Proxy:
 
     def __post_init__(self) -> None:
         self.clients: set[_Client] = set()
+        self.room = _Room()
 
     @contextlib.asynccontextmanager
     async def listening(self, host: str | None, port: int) -> AsyncIterator[int]:

@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -21,6 +22,8 @@ from jouleswarm.metering.tally import Row, rows_of
 from jouleswarm.metering.written import METER, RULES, write_rows
 
 _EVERY_S = 2.0
+_TIMES = 20  # as long as writing took, nothing is written: many rows must not hold the connections up
+_SWITCH_S = 0.0005  # not Python's 5 ms: so long the connections wait for who writes, after each of their calls
 
 log = logging.getLogger("jouleswarm.metering")
 
@@ -65,33 +68,34 @@ async def serve(
     Raises:
         RunError: it can't listen, or can't write.
     """
-    stop = asyncio.Event()
+    sys.setswitchinterval(_SWITCH_S)
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+            loop.add_signal_handler(number, stop.set)
     async with proxy.listening(*listen) as port:
         on_listening(port)
         before: dict[Key, Counts] | None = None
         while not stop.is_set():
+            begun_s = loop.time()
             if (counts := proxy.tally.counts()) != before:
                 before = counts
-                await _write_if_it_can(proxy, folder, rules)
+                await _write_if_it_can(counts, folder, rules)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), _EVERY_S)
-    return await _write(proxy, folder, rules)
+                await asyncio.wait_for(stop.wait(), max(_EVERY_S, _TIMES * (loop.time() - begun_s)))
+    return await _write(proxy.tally.counts(), folder, rules)
 
 
-async def _write_if_it_can(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> None:
+async def _write_if_it_can(counts: Mapping[Key, Counts], folder: Path, rules: Sequence[Rule]) -> None:
     """A full disk is no reason to cut anybody off; at the end it is an error."""
     try:
-        await _write(proxy, folder, rules)
+        await _write(counts, folder, rules)
     except RunError as error:
         log.warning("%s; going on, and trying again", error)
 
 
-async def _write(proxy: Proxy, folder: Path, rules: Sequence[Rule]) -> list[Row]:
+async def _write(counts: Mapping[Key, Counts], folder: Path, rules: Sequence[Rule]) -> list[Row]:
     """In a thread, so that nothing waits for the disk."""
-    counts = proxy.tally.counts()
 
     def written() -> list[Row]:
         rows = rows_of(counts, rules)

@@ -24,28 +24,35 @@ class Stream:
         self._aliases: dict[int, str] = {}
         self._alias_bytes = 0
 
-    def feed(self, piece: bytes) -> None:
+    def feed(self, piece: bytes | memoryview) -> None:
         """Count what has passed."""
         if self._is_spoilt:
             self._unparsed(len(piece))
             return
         view, self._begun = memoryview(self._begun + piece if self._begun else piece), b""
-        at = min(self._left, len(view))
-        self._left -= at
-        self._end_packet()
-        while at < len(view):
+        at, end = 0, len(view)
+        if self._packet is not None:
+            at = min(self._left, end)
+            self._left -= at
+            if self._left:
+                return
+            packet, self._packet = self._packet, None
+            self._whole(packet)
+        while at < end:
             try:
-                packet = self._read(view[at:])
+                begun = self._read(view[at:])
             except ValueError:
                 self._is_spoilt = True
-                self._unparsed(len(view) - at)
+                self._unparsed(end - at)
                 return
-            if packet is None:
+            if begun is None:
                 self._begun = bytes(view[at:])
                 return
-            self._packet, self._left = packet, max(0, at + packet.packet_bytes - len(view))
-            at += packet.packet_bytes
-            self._end_packet()
+            at += begun.packet_bytes
+            if at > end:
+                self._packet, self._left = begun, at - end
+                return
+            self._whole(begun)
 
     def end(self) -> None:
         """No more will come: what was begun and not ended is in no packet."""
@@ -53,11 +60,6 @@ class Stream:
         if begun:
             self._unparsed(begun)
         self._packet, self._left, self._begun = None, 0, b""
-
-    def _end_packet(self) -> None:
-        if self._packet is not None and not self._left:
-            packet, self._packet = self._packet, None
-            self._whole(packet)
 
     def _read(self, view: memoryview) -> Packet | None:
         packet = read_packet(view, self.version)

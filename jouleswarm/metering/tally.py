@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
-from jouleswarm.common.meter.counters import Counters, Counts, Key
+from jouleswarm.common.meter.counters import Cell, Counts, Key
 from jouleswarm.common.wire.rules import OTHER, Rule, find
 
 Direction = Literal["in", "out"]
@@ -48,23 +48,28 @@ class Tally:
     """The counters; more than `most_rows` topics and clients are counted together."""
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
-        self._cells, self._most_rows = Counters(), most_rows
+        self._cells, self._most_rows = dict[Key, Cell](), most_rows
 
     def count(self, client: str, topic: str, what: What, payload_bytes: int, packet_bytes: int) -> None:
         """Book a packet, or bytes of none; `what` is its direction and kind (repeat: once more, of those with DUP)."""
         direction, kind = what
         key = client, topic, f"{direction} {kind}"
-        if key not in self._cells:
-            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
-                return  # it has overflowed
-            is_full = len(self._cells) >= self._most_rows and kind != "repeat"
-            if is_full or len(client) + len(topic) > _MOST_NAME:
-                key = "", "", f"{direction} overflow"
-        self._cells.cell(key).add(payload_bytes, packet_bytes)
+        if cell := self._cells.get(key) or self._new(key, what):
+            cell.add(payload_bytes, packet_bytes)
+
+    def _new(self, key: Key, what: What) -> Cell | None:
+        """The cell of a key that has none; None: of a repeat whose first message has overflowed."""
+        (client, topic, _), (direction, kind) = key, what
+        if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
+            return None
+        is_full = len(self._cells) >= self._most_rows and kind != "repeat"
+        if is_full or len(client) + len(topic) > _MOST_NAME:
+            key = "", "", f"{direction} overflow"
+        return self._cells.setdefault(key, Cell())
 
     def counts(self) -> dict[Key, Counts]:
-        """What has been counted by now."""
-        return dict(self._cells.items())
+        """What has been counted by now, in the order of the keys."""
+        return {key: self._cells[key].counts for key in sorted(self._cells)}
 
 
 def rows_of(counts: Mapping[Key, Counts], rules: Sequence[Rule]) -> list[Row]:

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ def write_rows(folder: Path, rows: Sequence[Row], rules: Sequence[Rule]) -> None
     Raises:
         RunError: they can't be written.
     """
-    lines = "".join(json.dumps(asdict(row)) + "\n" for row in rows)
+    lines = "".join(json.dumps(vars(row)) + "\n" for row in rows)  # asdict copies deeply, ten times as long
     write_whole(folder / METER, lines.encode())
     write_whole(folder / BILL, bill_csv(rows, rules).encode())
 

@@ -172,7 +172,7 @@ def _bits_text(bits: float) -> str:
 
 
 def _told(value: object) -> str:
-    return "another" if isinstance(value, str) and "\n" in value else "not there" if value is None else short(value)
+    return "another" if isinstance(value, str) and "\n" in value else "unset" if value is None else short(value)
 
 
 def _letters(found: Compared) -> str:

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.report.answer import Said, answer, said
 from jouleswarm.report.figures import CAPTIONS, inline_svgs
-from jouleswarm.report.notes import headline, notes, verdicts, warnings
+from jouleswarm.report.notes import headline, notes, warnings
+from jouleswarm.report.screen import arms_table
 from jouleswarm.report.table import html_text
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
@@ -25,6 +27,8 @@ body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 s
 main { max-width: 62rem; margin: 0 auto; padding: 2.5rem 1.25rem 5rem; }
 h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.15rem; margin: 2.8rem 0 .7rem; }
 p { margin: .4rem 0; } .soft, figcaption { color: var(--soft); font-size: .9rem; }
+.answer dl { display: grid; grid-template-columns: max-content 1fr; gap: .25rem 1rem; margin: 1.2rem 0; }
+.answer dt { color: var(--soft); } .answer dd { margin: 0; }
 .verdict { border-left: 4px solid var(--accent); padding: .15rem .9rem; margin: 1.4rem 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-size: .88rem; font-variant-numeric: tabular-nums; }
@@ -47,15 +51,16 @@ def write_html(run: Run, energy: Energy, suffix: str = "") -> Path:
 
 def page(run: Run, energy: Energy) -> str:
     """The report as one HTML document without anything from elsewhere."""
-    name = html.escape(run.name)
+    name, found = html.escape(run.name), answer(run, energy)
     figures = (
         f"<figure>{svg}<figcaption>{html.escape(CAPTIONS[figure])}</figcaption></figure>"
         for figure, svg in inline_svgs(run, energy).items()
     )
     body = [
         _paragraphs(warnings(run), "verdict"),
-        f'<h1>{name}</h1><p class="soft">{html.escape(headline(run, energy))}</p>',
-        _paragraphs(verdicts(run, energy), "verdict"),
+        answer_html(said(run, energy, found)),
+        html_text(arms_table(run, energy, found)),
+        f'<p class="soft">{name}: {html.escape(headline(run, energy))}</p>',
         *map(html_text, report_tables(run, energy)),
         *figures,
         *map(html_text, why_tables(run, energy)),
@@ -70,6 +75,13 @@ def page(run: Run, energy: Energy) -> str:
         f'<!doctype html><html lang="en"><head>{head}<style>{_STYLE}</style></head>'
         f"<body><main>{''.join(body)}</main></body></html>\n"
     )
+
+
+def answer_html(told: Said) -> str:
+    """The answer of a run, that stands before everything else on its page."""
+    lines = "".join(f"<dt>{html.escape(what)}</dt><dd>{html.escape(words)}</dd>" for what, words in told.rows)
+    changed = f"<p>{html.escape(told.changed)}</p>" if told.changed else ""
+    return f'<section class="answer">{changed}<h1>{html.escape(told.title)}</h1><dl>{lines}</dl></section>'
 
 
 def _paragraphs(lines: Sequence[str], name: str) -> str:

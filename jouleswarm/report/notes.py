@@ -1,22 +1,20 @@
-"""The sentences of a report: its headline, its verdicts, and what to know before quoting a figure of it."""
+"""The sentences of a report: its headline, and what to know before quoting a figure of it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jouleswarm.common.scenario.arms import Arm, snapshot_of
+from jouleswarm.common.scenario.arms import snapshot_of
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.carbon import at_sites, has_carbon
 from jouleswarm.energy.literal import downlink_bit_per_j, literal
 from jouleswarm.energy.prices import own_lists
 from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, published, published_bill
-from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.methods.method import Method
-from jouleswarm.report.arms import label, labels, method_label
+from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text
-from jouleswarm.runs.breakeven import comparable
-from jouleswarm.runs.columns import closed_facts, columns
+from jouleswarm.runs.columns import closed_facts
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import computed_on
 from jouleswarm.runs.foretold import compare
@@ -51,11 +49,6 @@ def warnings(run: Run) -> list[str]:
     ]
 
 
-def verdicts(run: Run, energy: Energy) -> list[str]:
-    """Whether transfer pays, a line a comparable arm, by each column that has a total for it and for fl."""
-    return [line for arm in comparable(run) if (line := _verdict(run, arm, energy))]
-
-
 def notes(run: Run, energy: Energy) -> list[str]:
     """What a reader must know before quoting a figure of this report."""
     lines = [
@@ -75,7 +68,7 @@ def notes(run: Run, energy: Energy) -> list[str]:
     if has_carbon(energy):
         lines.append("gCO2e = J / 3.6e6 x the site's gCO2e/kWh. A site without an intensity is unknown, not zero.")
     lines.append("Control and telemetry are counted apart and in no bill.")
-    return lines + _notes_of_the_foretold(run) + _notes_of_faults(run)
+    return lines + _notes_of_the_foretold(run) + notes_of_faults(run)
 
 
 def _notes_of_the_foretold(run: Run) -> list[str]:
@@ -87,18 +80,6 @@ def _notes_of_the_foretold(run: Run) -> list[str]:
             ratio = f"{was / said:.4f}" if said else "none foretold"
             told.append(f"{name}, {what} {bytes_text(said)} and {bytes_text(was)} ({ratio})")
     return [f"Foretold and counted, bytes a round: {'; '.join(told)}."] if told else []
-
-
-def _verdict(run: Run, arm: Arm, energy: Energy) -> str:
-    found: dict[str, list[str]] = {"pays": [], "does not pay": []}
-    for ours, theirs in zip(columns(run, arm.name, energy), columns(run, BASELINE, energy), strict=True):
-        ours_j, theirs_j = ours.joules["total"], theirs.joules["total"]
-        if ours_j and theirs_j is not None:
-            ratio = theirs_j / ours_j
-            found["pays" if ratio > 1 else "does not pay"].append(f"{ratio:.2f}x ({ours.label})")
-    told = [f"{verdict} {', '.join(ratios)}" for verdict, ratios in found.items() if ratios]
-    held = f"{label(run.scenario, arm)} against {method_label(run.scenario, BASELINE)}"
-    return f"{held}: {'; '.join(told)}" if told else ""
 
 
 def _methods(run: Run) -> list[Method]:
@@ -189,7 +170,7 @@ def _notes_of_the_processors(run: Run) -> list[str]:
     return [f"Computed on different processors ({told}): on one of them alone weights may be others."]
 
 
-def _notes_of_faults(run: Run) -> list[str]:
+def notes_of_faults(run: Run) -> list[str]:
     """What faults have cost in bytes; nothing where nothing has failed."""
     lines = []
     if empty := _emptied(run):

@@ -1,4 +1,4 @@
-"""`jouleswarm report`: the bill of a run on the terminal, at the run's own or at other efficiencies.
+"""`jouleswarm report`: the bill of a run on the terminal, at the run's own or at other prices; its answer comes last.
 
 Pricing again never touches what the run wrote: `report.html` and `figures/energy.*` of other prices get the prices
 into their names, for example `report-ul500-sl200.html`.
@@ -16,14 +16,17 @@ from jouleswarm.common.errors import RunError, usable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import Prices, reprice
+from jouleswarm.report.answer import answer, said
 from jouleswarm.report.budget import budget_table
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.html import write_html
-from jouleswarm.report.notes import headline, notes, verdicts, warnings
+from jouleswarm.report.notes import headline, notes, warnings
 from jouleswarm.report.outside import Meters, outside_table
+from jouleswarm.report.screen import show_answer, show_next
 from jouleswarm.report.table import Table, show
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
+from jouleswarm.runs.answer import Answer
 from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run, load_run
 
@@ -38,11 +41,12 @@ def report(
     budget: str | None = None,
     why: bool = False,
     meters: Meters | None = None,
+    details: bool = False,
     html: bool = False,
     figures: bool = False,
     console: Console | None = None,
 ) -> list[Path]:
-    """Print the bill of a run, and draw figures and `report.html` if asked; returns the files written.
+    """Print the answer of a run, and draw figures and `report.html` if asked; returns the files written.
 
     Args:
         run_dir: what `jouleswarm run` printed.
@@ -50,45 +54,59 @@ def report(
         budget: what had been learned by then, such as 10kJ.
         why: what each bill hangs on.
         meters: what was measured from outside.
+        details: print all tables and notes first.
         changes: of the scenario's section energy, any constant in place of the run's own.
 
     Raises:
         ConfigurationError: no such directory, a price that is no price, or a power log that is none of this run's.
         RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
     """
-    run = load_run(run_dir)
-    priced, suffix = reprice(run.scenario, [*(prices or Prices()).changes, *changes], str(run_dir))
-    run, energy = run.at(priced), priced.energy
+    own = load_run(run_dir)
+    priced, suffix = reprice(own.scenario, [*(prices or Prices()).changes, *changes], str(run_dir))
+    run, energy = own.at(priced), priced.energy
     more = why_tables(run, energy) if why else []
     if budget is not None:
         more.append(budget_table(curves(run, energy), budget))
     if meters is not None:
         more.append(outside_table(run, energy, meters))
-    print_report(run, energy, console, more)
+    before = answer(own, own.scenario.energy) if suffix else None
+    print_report(run, energy, console, more, details=details, before=before)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
         written = write_figures(run, energy, suffix) if figures else []
         if html:
             written.append(write_html(run, energy, suffix))
+    show_next(run, written, console or Console())
     if run.misfits:
         raise RunError(f"{run.path}: {warnings(run)[0]}")
     return written
 
 
 def print_report(
-    run: Run, energy: Energy | None = None, console: Console | None = None, more: Iterable[Table] = ()
+    run: Run,
+    energy: Energy | None = None,
+    console: Console | None = None,
+    more: Iterable[Table] = (),
+    *,
+    details: bool = False,
+    before: Answer | None = None,
 ) -> None:
-    """Print a run's tables, and `more`; `energy` in place of the scenario's own constants prices it again."""
+    """Print a run's answer after `more`, with `details` after all tables and notes; `energy` in place of the scenario's
+    own constants prices it again, and `before` is the answer at those."""
     energy = energy or run.scenario.energy
     console = console or Console()
-    detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
-    # All of them before anything is printed: a price list of the user's may fail.
-    tables = [*report_tables(run, energy), *(energy_table(run, arm, energy) for arm in detailed), *more]
+    # All of it before anything is printed: a price list of the user's may fail.
+    found = answer(run, energy)
+    told, tables = said(run, energy, found, before), [*(_detailed(run, energy) if details else ()), *more]
     for line in warnings(run):
         console.print(line, style="bold red", highlight=False)
-    console.print(f"{run.name}: {headline(run, energy)}", highlight=False)
     for table in tables:
         show(table, console)
-    for line in verdicts(run, energy):
-        console.print(line, style="bold", highlight=False)
-    for line in notes(run, energy):
-        console.print(line, style="dim", highlight=False)
+    if details:
+        for line in (f"{run.name}: {headline(run, energy)}", *notes(run, energy)):
+            console.print(line, style="dim", highlight=False)
+    show_answer(run, energy, found, told, console)
+
+
+def _detailed(run: Run, energy: Energy) -> list[Table]:
+    detailed = run.scenario.arm_names if len(run.scenario.arms) <= _DETAILED_ARMS else ()
+    return [*report_tables(run, energy), *(energy_table(run, arm, energy) for arm in detailed)]

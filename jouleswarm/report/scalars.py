@@ -14,7 +14,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import RowPhase
 from jouleswarm.energy.bill import PAPER_CAUSES, Cost
-from jouleswarm.energy.facts import BITS_PER_BYTE, Counts, Phase
+from jouleswarm.energy.curves import until
+from jouleswarm.energy.facts import BITS_PER_BYTE, Counts, Facts, Phase
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price
 from jouleswarm.runs.curves import SPENT, curves
@@ -75,12 +76,12 @@ class Growing:
             yield from ((arm, each) for each in _of_row(self._scenario, row, now_s))
 
     def end(self, run: Run) -> Iterator[tuple[str, Scalar]]:
-        """The points of the last rounds, as the summary has them, and the bill: `bill/joules`, `bill/uplink`, ..."""
+        """The last rounds' points, and the bill, as they were counted in the end."""
         now_s = time.time()
         for arm in run.scenario.arm_names:
-            round_ = self._rounds.get((arm, RowPhase.FL), 0)
-            for each in bill_of(run, arm):
-                yield arm, each._replace(round=round_, time_s=now_s)
+            round_, facts, cost = self._rounds.get((arm, RowPhase.FL), 0), run.facts[arm], _cost(run, run.facts[arm])
+            for name, value in (*_spending(facts.counts.ml + facts.counts.fl, cost), *_bill(cost)):
+                yield arm, Scalar(name, value, round_, now_s)
 
     def _point(self, arm: str, round_: int, time_s: float, *, is_stage: bool) -> Iterator[Scalar]:
         phases: tuple[Phase, ...] = ("ml",) if is_stage else ("ml", "fl")
@@ -94,7 +95,7 @@ class Growing:
 
 def scalars(run: Run, arm: str) -> Iterator[Scalar]:
     """`R/task-1`, `reward/robot-3`, `gradients/robot-3` by round of the tasks, `spent/joules` and the like of the
-    whole arm, its stage before included, and its bill, `bill/joules`."""
+    whole arm, its stage before included, `joules/uplink` and the like, and its bill, `bill/joules`, `bill/uplink`."""
     times = _times(run, arm)
     for row in run.rows:
         if row.arm == arm:
@@ -107,19 +108,30 @@ def scalars(run: Run, arm: str) -> Iterator[Scalar]:
             value = point[name]
             if value is not None and math.isfinite(value):
                 yield Scalar(f"spent/{name}" if name in SPENT else name, float(value), last, times.get(last, 0.0))
-    for each in bill_of(run, arm):
-        yield each._replace(round=last, time_s=times.get(last, 0.0))
-
-
-def bill_of(run: Run, arm: str) -> Iterator[Scalar]:
-    """An arm's bill at the equations' prices, in total and by cause; nothing where no bytes were counted."""
     facts = run.facts[arm]
+    for round_ in range(last + 1):
+        for name, value in _by_cause("joules", _cost(run, until(facts, round_))):
+            yield Scalar(name, value, round_, times.get(round_, 0.0))
+    for name, value in _bill(_cost(run, facts)):
+        yield Scalar(name, value, last, times.get(last, 0.0))
+
+
+def _cost(run: Run, facts: Facts) -> Cost | None:
+    """At the equations' prices; None where no bytes were counted."""
     bill = price(literal, facts, run.scenario.energy) if facts.metered else None
-    if bill is not None:
-        yield Scalar("bill/joules", bill.total_j, 0, 0.0)
-        for cause, joules in bill.both.by_cause.items():
-            if joules or cause in PAPER_CAUSES:
-                yield Scalar(f"bill/{cause.key}", joules, 0, 0.0)
+    return None if bill is None else bill.both
+
+
+def _bill(cost: Cost | None) -> Iterator[tuple[str, float]]:
+    if cost is not None:
+        yield "bill/joules", cost.total_j
+    yield from _by_cause("bill", cost)
+
+
+def _by_cause(what: str, cost: Cost | None) -> Iterator[tuple[str, float]]:
+    for cause, joules in () if cost is None else cost.by_cause.items():
+        if joules or cause in PAPER_CAUSES:
+            yield f"{what}/{cause.key}", joules
 
 
 def _of_row(scenario: Scenario, row: RoundRow, time_s: float) -> Iterator[Scalar]:
@@ -142,9 +154,7 @@ def _spending(counts: Counts, cost: Cost | None) -> Iterator[tuple[str, float]]:
     yield "spent/gradients", counts.gradients_support + counts.gradients_query + counts.gradients_robots
     if cost is not None:
         yield "spent/joules", cost.total_j
-        for cause, joules in cost.by_cause.items():
-            if joules or cause in PAPER_CAUSES:
-                yield f"joules/{cause.key}", joules
+    yield from _by_cause("joules", cost)
 
 
 def _times(run: Run, arm: str) -> dict[int, float]:

@@ -14,7 +14,7 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price, with_beta
 from jouleswarm.energy.uncertain import bills, draw, interval, pays
-from jouleswarm.energy.why import CONSTANTS, Hang, Price, hangs, scaled, value_of
+from jouleswarm.energy.why import CONSTANTS, Hang, Price, hangs, scaled, total_of, value_of
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.report.arms import INK, colours, label, labels, method_label
 from jouleswarm.report.canvas import new_figure
@@ -127,17 +127,6 @@ def tornado(axes: Axes, energy: Energy, answer: Price, colour: str) -> None:
         axes.axvline(now, color=INK, linewidth=0.8)
         axes.set_xscale("log")
     axes.set_yticks([])
-
-
-def total_of(facts: Facts, prices: PriceList, beta: float | str | None = None) -> Price:
-    """An arm's total by a list, at any constants; `beta` of its own in place of theirs."""
-
-    def total(energy: Energy) -> float:
-        here = energy if beta is None else energy.model_copy(update={"beta": beta})
-        bill = price(prices, facts, here)
-        return math.nan if bill is None else bill.total_j
-
-    return total
 
 
 def _bars(energy: Energy, answer: Price) -> Iterator[tuple[str, float, float]]:

@@ -23,6 +23,7 @@ from jouleswarm.energy.facts import Counts, Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, is_whole, own_lists, price, price_lists, with_beta
 from jouleswarm.energy.published import published
+from jouleswarm.runs.answer import answer_of
 from jouleswarm.runs.arm_facts import arm_facts
 from jouleswarm.runs.conservation import conservation
 from jouleswarm.runs.facts import meta_rounds, task_results, zero_shot_share
@@ -64,9 +65,30 @@ def summarise(
         "counters": source,
         "counters_fit": None if balance is None else not balance.broken,
         "arms": {arm.name: _arm_summary(scenario, rows, meter_rows, lost, arm, wanted, own) for arm in scenario.arms},
+        **_answer(scenario, rows, meter_rows, lost, wanted, status),
         "shared_control": traffic(meter_rows, topics.SHARED, Link.CONTROL)._asdict(),
         **({"measured_j": by_role(joules_rows)} if joules_rows else {}),
     }
+
+
+def _answer(
+    scenario: Scenario,
+    rows: Sequence[RoundRow],
+    meter_rows: Sequence[MeterRow],
+    lost: Sequence[WorkRow],
+    tasks: list[int],
+    status: str,
+) -> dict[str, Any]:
+    """What the run says first. A price list of the user's that fails must not take the run with it."""
+    facts = {arm: arm_facts(scenario, rows, meter_rows, arm, lost=lost) for arm in scenario.arm_names}
+    results = {arm: task_results(scenario, rows, arm, tasks) for arm in scenario.arm_names}
+    balance = conservation(meter_rows)
+    try:
+        trusted, lists = balance is None or not balance.broken, price_lists(scenario)
+        found = answer_of(scenario, facts, results, scenario.energy, lists, status=status, trusted=trusted)
+    except ConfigurationError as error:
+        return {"answer": {"error": str(error)}}
+    return {"answer": found.document}
 
 
 def bill_parts(priced: Bill | None, metered: bool) -> dict[str, Joules] | None:

@@ -184,7 +184,7 @@ def test_a_price_that_is_none_is_refused(price: list[str], jouleswarm: Call, wri
 def test_a_run_is_priced_again(jouleswarm: Call, write_run: Callable[..., Path]) -> None:
     path = write_run()
     before = {each: each.read_bytes() for each in path.rglob("*") if each.is_file()}
-    code, out, _ = jouleswarm("report", str(path), "--ul", "500", "--sl", "200")
+    code, out, _ = jouleswarm("report", str(path), "--ul", "500", "--sl", "200", "--details")
     assert code == 0
     assert "Energy: MAML, t0 = 3" in out
     assert {each: each.read_bytes() for each in path.rglob("*") if each.is_file()} == before
@@ -192,7 +192,7 @@ def test_a_run_is_priced_again(jouleswarm: Call, write_run: Callable[..., Path])
 
 def test_a_run_is_told_in_grams_of_carbon(jouleswarm: Call, write_run: Callable[..., Path], facts: Any) -> None:
     path = write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
-    code, out, _ = jouleswarm("report", str(path), "--carbon-datacenter", "350", "--beta", "1.5")
+    code, out, _ = jouleswarm("report", str(path), "--carbon-datacenter", "350", "--beta", "1.5", "--details")
     assert code == 0
     assert "gCO2e/kWh: data center 350, robots unknown" in " ".join(out.split())
     assert "beta 1.5" in " ".join(out.split())

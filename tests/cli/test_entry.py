@@ -13,6 +13,7 @@ import typer
 
 from jouleswarm.cli import entry
 from jouleswarm.cli.entry import command_line
+from jouleswarm.common.invoked import executable
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.runs.directory import RunDirectory
@@ -80,7 +81,7 @@ def test_ctrl_c_says_through_typer_what_is_kept_and_how_to_go_on(
 
     monkeypatch.setattr(sys, "argv", ["jouleswarm"])
     assert ended_by(app) == 130
-    go_on = f"`jouleswarm run --resume '{tmp_path}/a run'` goes on from there"
+    go_on = f"`{executable()} run --resume '{tmp_path}/a run'` goes on from there"
     assert capsys.readouterr().err == f"stopped: 3 rows are kept in {tmp_path}/a run; {go_on}\n"
 
 
@@ -89,7 +90,7 @@ def test_ctrl_c_says_through_typer_what_is_kept_and_how_to_go_on(
     [
         (
             lambda path: run_directory(path, state=False, rows=2),
-            "2 rows are kept in {0}; `jouleswarm report {0}`",
+            f"2 rows are kept in {{0}}; `{executable()} report {{0}}`",
         ),
         (RunDirectory, "nothing had begun; {0} can be deleted"),
     ],

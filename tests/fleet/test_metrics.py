@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import threading
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import pytest
 from prometheus_client import Metric
+from rich.console import Console
 
 from jouleswarm.broker.exporter import BrokerCollector
 from jouleswarm.broker.meter import BrokerMeter
@@ -22,7 +28,10 @@ from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.facts import Counts
 from jouleswarm.fleet.families import families
 from jouleswarm.fleet.metrics import Metrics
+from jouleswarm.fleet.recorder import Recorder
 from jouleswarm.fleet.spent import Spent
+from jouleswarm.runs.run import load_run
+from jouleswarm.runs.summary import summarise
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -47,6 +56,7 @@ class Heard:
     newest: ClassVar = {("fl", 1, 1): row("fl", "fl", 1, 1, 2, cluster_reward=7.5, refused=3)}
     robots: ClassVar = Counter(here=1, awaited=3)
     refused, elapsed_s = 2, 5.0
+    spent: ClassVar = SimpleNamespace(counts={})
 
 
 def test_an_arm_is_charged_for_the_stage_up_to_the_round_it_starts_from(toy: Scenario) -> None:
@@ -132,3 +142,39 @@ def test_a_port_that_is_taken_is_told_before_anything_is_started() -> None:
             Metrics(one._server.server_port, "127.0.0.1")
     finally:
         one.close()
+
+
+class Scraping(io.StringIO):
+    """A screen: once it says that a scrape is waited for, one comes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.url, self.body = "", ""
+
+    def write(self, text: str) -> int:
+        self.url = self.url or "".join(re.findall(r"http://\S+", text))
+        if text.startswith("waiting"):
+            threading.Thread(target=self._scrape).start()
+        return super().write(text)
+
+    def _scrape(self) -> None:
+        with urlopen(self.url, timeout=20) as answer:
+            self.body = answer.read().decode()
+
+
+def test_who_scrapes_again_and_again_reads_the_bill_before_the_port_is_closed(
+    write_run: Callable[..., Path], facts: Any
+) -> None:
+    run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows)))
+    screen, recorder = Scraping(), cast(Recorder, Heard())
+    metrics = Metrics(0, "127.0.0.1")
+    metrics.begin(Console(file=screen, width=200), run.scenario, recorder)
+    for _ in range(2):
+        with urlopen(screen.url, timeout=20) as answer:
+            assert b"jouleswarm_run_info" in answer.read()
+    metrics.end(run)
+    metrics.close()
+    # 30 rounds of two robots, 5000 B to the neighbour each.
+    assert 'jouleswarm_payload_bytes_total{arm="fl",link="sidelink",phase="fl"} 300000.0' in screen.body
+    with pytest.raises(URLError):
+        urlopen(screen.url, timeout=20)

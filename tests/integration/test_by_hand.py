@@ -107,7 +107,7 @@ def test_an_external_broker_serves_and_the_clients_counters_feed_the_bill(
     with saved.open("wb") as file:
         onlooker = subprocess.Popen(["mosquitto_sub", "-p", port, "-C", "1", "-N", "-q", "1", "-t", topic], stdout=file)
     run = start.jouleswarm(
-        "run", TOY, "--broker", mosquitto, "--run-id", "external", "--out", str(tmp_path),
+        "run", TOY, "--broker", mosquitto, "--run-id", "external", "--out", str(tmp_path), "--details",
         *(part for each in small for part in ("--set", each)),
     )  # fmt: skip
     assert run.ends() == 0, run.printed

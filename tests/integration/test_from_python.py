@@ -63,7 +63,7 @@ def test_a_script_is_stopped_as_the_command_is(tmp_path: Path, start: Any, event
     started.process.send_signal(signal.SIGINT)
     assert started.ends() in (-signal.SIGINT, 130)
     assert "KeyboardInterrupt: stopped: " in started.printed
-    assert f"`jouleswarm run --resume {path}` goes on from there" in started.printed
+    assert f"jouleswarm run --resume {path}` goes on from there" in started.printed
     psutil.wait_procs(family, timeout=10)
     assert not any(process.is_running() for process in family)
     assert going.status == "interrupted"

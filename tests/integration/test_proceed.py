@@ -86,7 +86,7 @@ def test_the_others_go_on_without_a_robot_that_dies_and_hand_in_their_model(run:
     assert (3,) not in {row.missed for row in elsewhere}
     assert (run.path / "weights" / "fl-task2.safetensors").exists()
     assert run.summary["status"] == "complete"
-    report = start.jouleswarm("report", str(run.path))
+    report = start.jouleswarm("report", str(run.path), "--details")
     assert report.ends(DEADLINE_S) == 0, report.printed
     assert "robot 4 without 3 in" in " ".join(report.printed.split())
 

@@ -21,11 +21,14 @@ LINKS = {"uplink", "downlink", "sidelink", "control"}
 PARTS = {"ml_learning", "ml_communication", "fl_learning", "fl_communication", "total"}
 
 
-def test_the_bill_and_the_run_directory_are_printed(toy_run: Any) -> None:
-    assert "E, eq. (12), by each way to know it" in toy_run.printed
-    assert "FL, no transfer" in toy_run.printed
-    assert "Bytes delivered by link class" in toy_run.printed
-    assert str(toy_run.path.name) in toy_run.printed.splitlines()[-1]
+def test_the_answer_and_what_to_type_next_are_printed(toy_run: Any) -> None:
+    told = toy_run.summary["answer"]
+    (held,) = told["against"]
+    assert held["factor"] == told["arms"]["maml"]["total_j"] / told["arms"]["fl"]["total_j"] > 1
+    assert f"MAML costs {held['factor']:.2g} times as much as FL, no transfer: " in toy_run.printed
+    assert "toy only shows that all works" in toy_run.printed
+    assert "Bytes delivered by link class" not in toy_run.printed  # asked for by --details
+    assert f"report {toy_run.path} --details\n" in toy_run.printed
 
 
 def test_the_manifest_says_what_was_run_where(toy_run: Any) -> None:
@@ -197,7 +200,7 @@ def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: 
         return {str(path): path.read_bytes() for path in toy_run.path.rglob("*") if path.is_file()}
 
     before = content()
-    report = start.jouleswarm("report", str(toy_run.path), "--ul", "500", "--sl", "200")
+    report = start.jouleswarm("report", str(toy_run.path), "--ul", "500", "--sl", "200", "--details")
     assert report.ends() == 0, report.printed
     assert "E_UL 500, E_DL 500, E_SL 200 kb/J" in report.printed
     assert content() == before

@@ -32,6 +32,13 @@ async def before(serve: Serve, tls: ssl.SSLContext | None = None) -> AsyncIterat
         yield proxy, port
 
 
+async def ended(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """All is sent and passed on."""
+    writer.write_eof()
+    await reader.read()
+    writer.close()
+
+
 @pytest.mark.parametrize(
     "sent", [connect("r") + publish("a", b"1") + b"\x00spoilt\xff" * 100_000, b"GET / HTTP/1.1\r\n\r\n", b"\x10"]
 )
@@ -60,35 +67,37 @@ def test_whatever_is_sent_reaches_the_broker_as_it_was_and_its_answer_comes_back
     assert counted == {"in": len(sent), "out": len(answer)}
 
 
-def test_a_side_that_reads_nothing_holds_up_the_other_and_not_the_memory() -> None:
-    async def body() -> int:
-        reading, ended = asyncio.Event(), asyncio.Event()
-        got = 0
+def test_a_side_that_reads_nothing_holds_up_the_other_and_neither_the_memory_nor_others() -> None:
+    slow_sent, quick_sent = connect("r") + publish("a", b"s" * (64 << 20)), b"q" * (1 << 20)
+
+    async def body() -> list[bytes]:
+        reading, heard = asyncio.Event(), list[bytes]()
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            nonlocal got
-            await reading.wait()
-            while piece := await reader.read(1 << 20):
-                got += len(piece)
+            heard.append(await reader.readexactly(1))
+            place = len(heard) - 1
+            if heard[place] != b"q":
+                await reading.wait()
+            heard[place] += await reader.read()
             writer.close()
-            ended.set()
 
         async with before(serve) as (proxy, port):
-            _, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(connect("r") + publish("a", bytes(64 << 20)))
+            slow_reader, slow = await asyncio.open_connection("127.0.0.1", port)
+            slow.write(slow_sent)
             while not proxy.clients or not (client := next(iter(proxy.clients))).other:
                 await asyncio.sleep(0)
             while client.transport.is_reading():
                 await asyncio.sleep(0)
             assert client.other.transport.get_write_buffer_size() <= 512 * 1024
+            quick_reader, quick = await asyncio.open_connection("127.0.0.1", port)
+            quick.write(quick_sent)
+            await ended(quick_reader, quick)
             reading.set()
-            writer.write_eof()
-            await ended.wait()
-            writer.close()
+            await ended(slow_reader, slow)
         assert proxy.tally.counts()["r", "a", "in publish"][1] == 64 << 20
-        return got
+        return heard
 
-    assert asyncio.run(body()) == len(connect("r") + publish("a", bytes(64 << 20)))
+    assert asyncio.run(body()) == [slow_sent, quick_sent]
 
 
 def test_a_broker_that_is_not_there_ends_the_clients_connection() -> None:

@@ -24,10 +24,11 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.methods.shipped import all_shipped
+from jouleswarm.report.answer import answer
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
-from jouleswarm.report.notes import headline, notes, verdicts
-from jouleswarm.report.report import report
+from jouleswarm.report.notes import headline, notes
+from jouleswarm.report.report import print_report, report
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.report.tables import bytes_table, causes_tables, rounds_table, sites_tables, totals_table
 from jouleswarm.runs.columns import columns
@@ -209,13 +210,24 @@ def test_links_without_traffic_are_left_out_of_the_bytes(run: Run) -> None:
     assert not any(name.startswith("isolated") for name in found)
 
 
-def test_every_arm_with_transfer_has_its_verdict(run: Run) -> None:
-    lines = verdicts(run, run.scenario.energy)
-    assert len(lines) == 10
-    (early,) = [line for line in lines if line.startswith("multitask, t0 = 2 against FL, no transfer: ")]
-    assert " 0.57x (Table I sizes), " in early
-    assert ", 0.68x (counted payload)" in early  # 3430.56 / 5009.84 J
-    assert "(paper)" not in early
+def test_every_arm_that_learned_all_is_held_against_learning_without_transfer(run: Run) -> None:
+    found = answer(run, run.scenario.energy)
+    told = {each.arm: each.factor for each in found.against}
+    assert "isolated" not in told
+    assert "centralized" not in told  # which did not learn task 6
+    assert len([arm for arm in told if found.arms[arm].t0]) == 10
+    assert told["multitask-t2"] == pytest.approx((1576.48 + 3427.2 + 3.2 + 3.36) / (3427.2 + 3.36))
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_the_answer_of_many_arms_has_a_row_each_and_is_not_cut(run: Run, width: int) -> None:
+    console = Console(file=io.StringIO(), width=width)
+    print_report(run, console=console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "costs least of the 12 of 14 arms that learned all tasks" in " ".join(text.replace("│", " ").split())
+    assert re.search(r"multitask, t0 = 2 +6 of 6 +2 \+ 42 +5\.01 kJ +1\.5", text)
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
 
 
 def test_notes_tell_how_arms_are_charged(run: Run) -> None:
@@ -228,7 +240,7 @@ def test_notes_tell_how_arms_are_charged(run: Run) -> None:
 
 def test_a_terminal_shows_many_arms_without_a_table_for_each(run: Run) -> None:
     console = Console(file=io.StringIO(), width=120)
-    report(run.path, Prices(carbon_datacenter=350, carbon_robots=50), console=console)
+    report(run.path, Prices(carbon_datacenter=350, carbon_robots=50), details=True, console=console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "E and gCO2e by site" in text
     assert "Energy: MAML" not in text

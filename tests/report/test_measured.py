@@ -54,7 +54,7 @@ def test_other_prices_leave_them_as_they_are_and_a_run_without_has_no_table(writ
     measured(path)
     for changes in ((), ("energy.pk_w=100",)):
         console = Console(file=io.StringIO(), width=160)
-        report(path, changes=changes, console=console)
+        report(path, changes=changes, details=True, console=console)
         told.append(console.file.getvalue().split("Measured joules (rapl)")[1].split("Bytes delivered")[0])  # type: ignore[attr-defined]
     assert told[0] == told[1]
     run = load_run(path)

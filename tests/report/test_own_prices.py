@@ -18,8 +18,9 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.facts import STAGE, Flow, Work
+from jouleswarm.report.answer import answer, said
 from jouleswarm.report.bars import energy_figure
-from jouleswarm.report.notes import notes, verdicts
+from jouleswarm.report.notes import notes
 from jouleswarm.report.report import report
 from jouleswarm.report.tables import bytes_table, causes_tables, energy_table, sites_tables, totals_table
 from jouleswarm.runs.directory import SUMMARY
@@ -81,9 +82,10 @@ def test_control_would_cost_what_it_says(run: Run) -> None:
     assert control[-2:] == ["0.028 J", "0.928 J"]  # one message of telemetry goes up
 
 
-def test_verdicts_and_notes_name_it(run: Run) -> None:
-    (line,) = verdicts(run, run.scenario.energy)
-    assert f"0.74x ({LABEL})" in line  # 2452.8 / 3295.92
+def test_answer_and_notes_name_it(run: Run) -> None:
+    energy = run.scenario.energy
+    (line,) = [words for what, words in said(run, energy, answer(run, energy)).lines if what == "prices"]
+    assert f"1.3 times by {LABEL}" in line  # 3295.92 / 2452.8
     assert f"{LABEL} (examples.cellular:Cellular)." in " ".join(notes(run, run.scenario.energy))
 
 
@@ -129,7 +131,7 @@ def test_its_grams_are_in_the_summary_where_an_intensity_is_given(facts: Any) ->
 
 def test_it_is_on_the_terminal_and_in_the_html(path: Path) -> None:
     console = Console(file=io.StringIO(), width=200)
-    (page,) = report(path, html=True, console=console)
+    (page,) = report(path, details=True, html=True, console=console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert f"{LABEL}: E by cause" in text
     assert page.read_text().count(f"<th>{LABEL}</th>") == 3  # totals, and a table an arm

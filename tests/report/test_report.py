@@ -16,8 +16,9 @@ from jouleswarm.common.wire.topics import weights
 from jouleswarm.energy.closed_form import TABLE_I
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.repricing import Prices, reprice
+from jouleswarm.report.answer import answer
 from jouleswarm.report.format import bytes_text, joules_text
-from jouleswarm.report.notes import notes, verdicts
+from jouleswarm.report.notes import notes
 from jouleswarm.report.report import print_report, report
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import Column, closed_facts, columns
@@ -84,14 +85,15 @@ def test_a_run_that_was_killed_has_the_counters_that_its_processes_have_kept(int
     assert told == [
         ("broker", "agent-2", "out", 5040), ("client", "agent-1", "out", 5040), ("client", "agent-2", "in", 5040)
     ]  # fmt: skip
-    assert "No byte counters were written" not in printed(interrupted)
+    assert "bytes were not counted" not in printed(interrupted)
 
 
 def test_an_interrupted_run_prints_what_is_known(interrupted) -> None:
     text = printed(interrupted)
-    assert "interrupted" in text
-    assert "No byte counters were written" in text
+    assert "No verdict: the run is interrupted" in text
+    assert "bytes were not counted" in text
     assert "2.365 kJ" in text  # MAML learning is known from the rows
+    assert "No byte counters were written" in printed(interrupted, details=True)
 
 
 def test_unmetered_columns_are_empty_and_closed_form_is_not(interrupted) -> None:
@@ -122,7 +124,7 @@ def test_no_such_directory() -> None:
 
 
 def test_a_directory_that_is_not_a_run(tmp_path) -> None:
-    with pytest.raises(RunError, match=r"no manifest\.json"):
+    with pytest.raises(ConfigurationError, match=r"has no manifest\.json"):
         load_run(tmp_path)
 
 
@@ -263,7 +265,9 @@ def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
 def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     before = contents(complete)
     text = printed(complete, Prices(ul=500, sl=200), figures=True, html=True)
-    assert "E_UL 500" in text
+    # 3187.92 J: links 5.6 + 1.6 to 2.24 + 4 J; 2452.8 J: sidelinks 4.8 to 12 J
+    assert "At these prices: MAML 3.188 to 3.187 kJ, FL, no transfer 2.453 to 2.46 kJ" in text.splitlines()[1]
+    assert "E_UL 500" in printed(complete, Prices(ul=500, sl=200), details=True)
     after = contents(complete)
     assert after.pop("report-ul500-sl200.html")
     assert after == before
@@ -280,19 +284,10 @@ def learned(write_run, facts) -> Path:
     return write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
 
 
-def test_verdict_says_whether_meta_learning_pays(learned) -> None:
-    run = load_run(learned)
-    (line,) = verdicts(run, run.scenario.energy)
-    assert line.startswith("MAML, t0 = 3 against FL, no transfer: does not pay ")
-    assert "0.77x (counted payload)" in line  # 2452.8 / 3187.92 J
-    assert "(paper)" not in line
-    assert "(published prices)" not in line
-
-
 def test_no_verdict_on_what_was_not_learned(complete) -> None:
     run = load_run(complete)  # task 2 was not learned without transfer
-    assert verdicts(run, run.scenario.energy) == []
-    assert "there is no verdict on these arms" in printed(complete)
+    assert answer(run, run.scenario.energy).against == ()
+    assert "there is no verdict on these arms" in printed(complete, details=True)
 
 
 @pytest.mark.parametrize("status", ["interrupted", "failed", None])
@@ -303,7 +298,7 @@ def test_no_verdict_on_a_run_that_is_not_complete(learned, status: str | None) -
         summary = json.loads((learned / SUMMARY).read_text())
         (learned / SUMMARY).write_text(json.dumps({**summary, "status": status}))
     run = load_run(learned)
-    assert verdicts(run, run.scenario.energy) == []
+    assert answer(run, run.scenario.energy).against == ()
 
 
 def spoilt(path: Path) -> None:
@@ -317,7 +312,6 @@ def spoilt(path: Path) -> None:
 
 
 def test_counters_that_do_not_fit_are_said_first_and_are_an_error(learned) -> None:
-    assert printed(learned).startswith("made-up: complete")
     spoilt(learned)
     console = Console(file=io.StringIO(), width=500)
     with pytest.raises(RunError, match="run: The counters of broker and clients do not fit for 1 client and topic"):
@@ -325,7 +319,7 @@ def test_counters_that_do_not_fit_are_said_first_and_are_an_error(learned) -> No
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert text.startswith("The counters of broker and clients do not fit for 1 client and topic pairs, first agent-2")
     assert "is not to be trusted" in text
-    assert "against FL" not in text  # no verdict either
+    assert "No verdict: the counters of broker and clients contradict each other" in text
     page = (learned / "report.html").read_text(encoding="utf-8")
     assert page.index("do not fit") < page.index("<h1>")
 
@@ -334,21 +328,20 @@ def test_counters_of_a_run_cut_short_are_not_final(learned) -> None:
     spoilt(learned)
     summary = json.loads((learned / SUMMARY).read_text())
     (learned / SUMMARY).write_text(json.dumps({**summary, "status": "interrupted", "counters": "the broker's"}))
-    text = printed(learned)
-    assert text.startswith("made-up: interrupted")
-    assert "do not fit" in text
+    assert "No verdict: the run is interrupted" in printed(learned)
+    assert "do not fit" in printed(learned, details=True)
 
 
 def test_the_report_says_whose_counters_feed_the_bill(write_run, facts) -> None:
     summary = summarise(
         facts.scenario, facts.rows, facts.meter_rows, source="the broker's counters, from the beginning"
     )
-    assert "Metered by the broker's counters, from the beginning." in printed(write_run(summary))
+    assert "Metered by the broker's counters, from the beginning." in printed(write_run(summary), details=True)
 
 
 def test_no_verdict_on_one_arm(write_run, facts) -> None:
     run = load_run(write_run(summarise(facts.scenario, facts.rows, facts.meter_rows), methods=["fl"]))
-    assert verdicts(run, run.scenario.energy) == []
+    assert answer(run, run.scenario.energy).against == ()
     print_report(run, console=Console(file=io.StringIO()))
 
 

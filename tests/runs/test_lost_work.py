@@ -97,5 +97,5 @@ def test_the_report_shows_what_was_lost_and_the_bill_with_and_without(write_run:
     assert table.rows[0] == ["MAML, t0 = 3", "7", "20", "20", "14.28 J", "394.1 J", "3.596 kJ", "3.188 kJ"]
     assert table.rows[1][1:6] == ["0", "0", "0", "0 J", "0 J"]
     console = Console(file=io.StringIO(), width=160)
-    print_report(run, console=console)
+    print_report(run, console=console, details=True)
     assert "Done and not kept" in console.file.getvalue()  # type: ignore[attr-defined]
