@@ -71,6 +71,8 @@ class Growing:
         for arm in arms if is_stage else [row.arm]:
             before = self._rounds.get((arm, row.phase))
             self._rounds[arm, row.phase] = row.round if before is None else max(before, row.round)
+            if not is_stage and before is None and (last := self._rounds.get((arm, RowPhase.ML))) is not None:
+                yield from ((arm, each) for each in self._point(arm, last, now_s, is_stage=True))
             if before is not None and row.round > before:
                 yield from ((arm, each) for each in self._point(arm, before, now_s, is_stage=is_stage))
             yield from ((arm, each) for each in _of_row(self._scenario, row, now_s))
@@ -79,7 +81,8 @@ class Growing:
         """The last rounds' points, and the bill, as they were counted in the end."""
         now_s = time.time()
         for arm in run.scenario.arm_names:
-            round_, facts, cost = self._rounds.get((arm, RowPhase.FL), 0), run.facts[arm], _cost(run, run.facts[arm])
+            facts, cost = run.facts[arm], _cost(run, run.facts[arm])
+            round_ = max((result.rounds for result in run.results[arm]), default=0)
             for name, value in (*_spending(facts.counts.ml + facts.counts.fl, cost), *_bill(cost)):
                 yield arm, Scalar(name, value, round_, now_s)
 
