@@ -66,7 +66,8 @@ async def serve(
     """Meter until a signal to end; the files are written every two seconds and at the end. Gives the last rows.
 
     Raises:
-        RunError: it can't listen, or can't write.
+        ConfigurationError: it can't listen.
+        RunError: it can't write.
     """
     sys.setswitchinterval(_SWITCH_S)
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
