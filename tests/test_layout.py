@@ -17,7 +17,7 @@ FLOORS = (
     {"common"},
     {"learning", "codecs", "environments", "energy"},
     {"methods"},
-    {"agents", "datacenter", "broker", "metering", "runs"},
+    {"agents", "datacenter", "broker", "metering", "flower", "runs"},
     {"fleet", "report"},
     {"studies", "chaos"},
     {"cli", "simulation"},

@@ -34,7 +34,7 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.files import other_version, read_manifest
+from jouleswarm.runs.files import other_version, run_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
@@ -98,7 +98,7 @@ def resume_deployment(
             is at work on it.
         RunError: something of it is not as it was written, or another version wrote it; nothing has been started.
     """
-    manifest, held = read_manifest(path), path / MANIFEST
+    manifest, held = run_manifest(path), path / MANIFEST
     if other := other_version(manifest):
         raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
