@@ -28,6 +28,7 @@ from jouleswarm.cli.options import (
     RunId,
     ScenarioFile,
     Seed,
+    ShowPage,
     Tensorboard,
     overrides,
 )
@@ -66,6 +67,7 @@ def run(
     tensorboard: Tensorboard = None,
     mlflow: Mlflow = None,
     details: Details = False,
+    page: ShowPage = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -88,15 +90,17 @@ def run(
         raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = None if scenario is None else load_scenario(scenario, changes)
-    with followed(metrics_port, tensorboard, mlflow) as also:
+    from jouleswarm.page.beside import page_beside  # heavy
+
+    name = run_id or (new_run_id(settings) if settings is not None else "")
+    where = resume or out / name
+    with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
         view = also.beside(View)
         started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=view)
         if settings is not None:
-            path = run_deployment(settings, run_id or new_run_id(settings), out, Console(), started)
+            path = run_deployment(settings, name, out, Console(), started)
         else:
-            assert resume is not None
-            more = with_more_rounds(resume, set_) if set_ else None
-            path = resume_deployment(resume, Console(), started, more)
+            path = resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
         also.end(path)
         _present(path, figures, details)
 
