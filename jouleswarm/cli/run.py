@@ -78,6 +78,7 @@ def run(
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
     from jouleswarm.report.view import View
+    from jouleswarm.runs.files import read_manifest
 
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
@@ -90,19 +91,19 @@ def run(
         raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = None if scenario is None else load_scenario(scenario, changes)
+    _ = resume and read_manifest(resume)
     from jouleswarm.page.beside import page_beside  # heavy
 
-    name = run_id or (new_run_id(settings) if settings is not None else "")
+    name = "" if settings is None else run_id or new_run_id(settings)
     where = resume or out / name
     with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
-        view = also.beside(View)
-        started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=view)
-        if settings is not None:
-            path = run_deployment(settings, name, out, Console(), started)
+        started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=also.beside(View))
+        if settings is None:
+            resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
         else:
-            path = resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
-        also.end(path)
-        _present(path, figures, details)
+            run_deployment(settings, name, out, Console(), started)
+        also.end(where)
+        _present(where, figures, details)
 
 
 def validate(
