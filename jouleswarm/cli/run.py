@@ -34,6 +34,10 @@ from jouleswarm.cli.options import (
 )
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
+_Broker = Annotated[
+    str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+]
+
 
 def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
@@ -51,9 +55,7 @@ def run(
     measure: Measured = False,
     out: Out = Path("runs"),
     run_id: RunId = None,
-    broker: Annotated[
-        str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
-    ] = None,
+    broker: _Broker = None,
     keys: KeysOption = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
     resume: Resume = None,
