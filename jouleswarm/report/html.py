@@ -10,7 +10,6 @@ from typing import Any
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.answer import Said, answer, said
-from jouleswarm.report.figures import CAPTIONS, inline_svgs
 from jouleswarm.report.notes import headline, notes, warnings
 from jouleswarm.report.screen import arms_table
 from jouleswarm.report.table import html_text
@@ -52,6 +51,8 @@ def write_html(run: Run, energy: Energy, suffix: str = "") -> Path:
 
 def page(run: Run, energy: Energy) -> str:
     """The report as one HTML document without anything from elsewhere."""
+    from jouleswarm.report.figures import CAPTIONS, inline_svgs  # late: a report on the terminal draws nothing
+
     name, found = html.escape(run.name), answer(run, energy)
     figures = (
         f"<figure>{svg}<figcaption>{html.escape(CAPTIONS[figure])}</figcaption></figure>"
