@@ -24,6 +24,7 @@ from jouleswarm.fleet.admission import check_report, check_row, learned_name, sn
 from jouleswarm.fleet.attendance import Attendance
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
+from jouleswarm.fleet.spent import Spent
 from jouleswarm.runs.directory import RunDirectory
 from jouleswarm.runs.facts import gradient_counts
 from jouleswarm.runs.summary import summarise
@@ -48,7 +49,6 @@ class Recorder:
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
         self._progress_at = 0.0
         self._reports = HandedIn()
-        self._received: dict[str, dict[topics.Link, int]] = {}
         self._processors: dict[str, str] = {}
         self._attendance = Attendance(bus, scenario, run)
         self._listener = Listener(bus, scenario.bus.resend_after_s)
@@ -67,9 +67,10 @@ class Recorder:
             topics.meter_report(run, "+"),
             topics.presence(run, "+", "+"),
         ]
-        self.newest: dict[tuple[str, int, int], RoundRow] = {}
+        self.newest = {(row.arm, row.task, row.agent): row for row in directory.rows}
         self.gradients: dict[str, Counts] = {}
         """By arm: batch gradients that have been told of since the recorder began to listen."""
+        self.spent = Spent(scenario, resumed=bool(directory.rows))
         self._broker = BrokerCounters(self._listener, run, scenario.bus)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
@@ -101,11 +102,7 @@ class Recorder:
     @property
     def received_bytes(self) -> dict[str, int]:
         """Payload bytes that all clients have received so far, by link class."""
-        totals = {link.value: 0 for link in topics.Link}
-        for received in self._received.values():
-            for link, count in received.items():
-                totals[link] = totals.get(link, 0) + count
-        return totals
+        return self.spent.received
 
     @property
     def rows(self) -> list[RoundRow]:
@@ -241,7 +238,7 @@ class Recorder:
         if (before := self.newest.get((row.arm, row.task, row.agent))) is None or row.round > before.round:
             self.gradients[row.arm] = self.gradients.get(row.arm, Counts()) + gradient_counts([row])
         self.newest[row.arm, row.task, row.agent] = row
-        self._received[client] = telemetry.received
+        self.spent.take(row, telemetry.received)
         self._attendance.is_back(client)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s
