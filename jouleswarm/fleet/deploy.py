@@ -199,7 +199,7 @@ def _deploy(
         show = stack.enter_context(shown(options.view, console, scenario, recorder))
         launcher.meanwhile = partial(_look, recorder, show)
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
-        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
+        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state", "--quiet"]
         common += ["--durable"] if options.durable else []
         common += ["--other-processor"] if options.other_processor else []
         common += ["--keep-ends"] if keeps_ends else []

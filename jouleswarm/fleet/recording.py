@@ -124,6 +124,9 @@ def recording(
         described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
     directory.doors(scenario.files)
     directory.manifest(described)
+    if not embedded:
+        told = f"joining {parse_url(url)}; a broker may take up to {scenario.bus.connect_timeout_s:g} s to come"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
     bus = MqttBus.connect(
         url,
         CLIENT,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
@@ -17,6 +18,7 @@ from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.arms import label, method_label
 from jouleswarm.runs.traffic import DATA_CENTER
 
+_WAIT = re.compile(r"(\S+) waits for (.*) (\(\d+ s\))")
 _NAMED = 3  # processes; more are counted
 
 
@@ -169,6 +171,21 @@ def _stage(scenario: Scenario, live: Live, arm: Arm) -> str:
         what = f"{len(training) - len(late)} of {len(training)} robots have sent it"
     name = method_label(scenario, arm.method)
     return f"{name} in the data center: {done} of {t0} rounds; experience of round {done + 1}: {what}"
+
+
+def together(waits: Sequence[str]) -> list[str]:
+    """What the recorder says of waits, with those who wait for the same in one line, the longest first."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for wait in waits:
+        client, what, lasts = found_in.groups() if (found_in := _WAIT.fullmatch(wait)) else ("", wait, "")
+        found.setdefault(what, []).append((client, lasts))
+    told = []
+    for what, held in found.items():
+        client, lasts = held[0]
+        who = name_of(client) if len(held) == 1 else f"{len(held)} processes"
+        verb = "waits" if len(held) == 1 else "wait"
+        told.append(f"{who} {verb} for {what} {lasts}" if client else what)
+    return told
 
 
 def name_of(client: str) -> str:
