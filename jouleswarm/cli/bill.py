@@ -49,7 +49,7 @@ def bill(
     must_exist("counts", *counts)
     from jouleswarm.report.calculated import calculate, document, print_calculated
 
-    found = calculate(counts, energy, set_ or ())
+    found = calculate(counts[0] if len(counts) == 1 else counts, energy, set_ or ())
     if as_json:
         print(json.dumps(document(found), indent=2))
     else:

@@ -92,6 +92,9 @@ KeepState = Annotated[
     bool,
     typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
 ]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser too, on this machine alone; stays until Ctrl-C.")
+]
 
 
 def must_exist(what: str, *paths: Path) -> None:

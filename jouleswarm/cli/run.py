@@ -25,6 +25,7 @@ from jouleswarm.cli.options import (
     RunId,
     ScenarioFile,
     Seed,
+    ShowPage,
     overrides,
 )
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
@@ -73,6 +74,7 @@ def run(
     keep_state: KeepState = False,
     metrics_port: MetricsPort = None,
     details: Details = False,
+    page: ShowPage = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -82,6 +84,7 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
+    from jouleswarm.page.beside import page_beside
 
     started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
@@ -96,11 +99,14 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures, details)
+        with page_beside(resume, wanted=page):
+            _present(resume_deployment(resume, Console(), started, more), figures, details)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures, details)
+    name = run_id or new_run_id(settings)
+    with page_beside(out / name, wanted=page):
+        _present(run_deployment(settings, name, out, Console(), started), figures, details)
 
 
 def validate(

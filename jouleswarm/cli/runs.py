@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +14,7 @@ import typer
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import EnergyOption
 from jouleswarm.common.invoked import executable
+from jouleswarm.common.scenario.reading import Override
 
 
 class Target(StrEnum):
@@ -58,11 +60,16 @@ def compare(
     set_: EnergyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put runs side by side: rounds, joules, bits and seconds of each arm, and in what their scenarios differ."""
+    """Put runs side by side: rounds, joules, bits and seconds of each arm, and in what their scenarios differ.
+
+    Of directories of `jouleswarm meter`: bytes, messages and joules by link, and in what rules and prices differ.
+    """
     from jouleswarm.runs.files import read_manifest
 
-    for each in run_directories:
-        read_manifest(each)  # before anything heavy is loaded
+    kinds = [read_manifest(each).get("kind") for each in run_directories]  # before anything heavy is loaded
+    if all(kinds):
+        _compare_meters(run_directories, set_ or (), as_json)
+        return
     from rich.console import Console
 
     from jouleswarm.report.compare import compare_document, compare_lines, compare_table, compared
@@ -74,6 +81,21 @@ def compare(
         return
     show(compare_table(found), Console())
     for line in compare_lines(found):
+        print(line)
+
+
+def _compare_meters(folders: list[Path], changes: Sequence[Override], as_json: bool) -> None:
+    from rich.console import Console
+
+    from jouleswarm.report.compare_meters import compared_meters, meters_document, meters_lines, meters_table
+    from jouleswarm.report.table import show
+
+    found = compared_meters(folders, changes)
+    if as_json:
+        print_document(meters_document(found))
+        return
+    show(meters_table(found), Console())
+    for line in meters_lines(found):
         print(line)
 
 
@@ -94,25 +116,27 @@ def export(
     jouleswarm export runs/RUN --to mlflow
     mlflow ui --backend-store-uri sqlite:///mlflow.db
 
-    The run directory stays as it is. Parquet, TensorBoard and MLflow are extras: pip install jouleswarm[export],
-    [tensorboard], [mlflow].
+    The run directory stays as it is; of one of `jouleswarm meter` there are tables only. Parquet, TensorBoard and
+    MLflow are extras: pip install jouleswarm[export], [tensorboard], [mlflow].
     """
+    folder = out / run_directory.resolve().name
+    if to in (Target.CSV, Target.PARQUET):
+        from jouleswarm.report.exported import write_tables
+        from jouleswarm.report.opened import load
+
+        for path in write_tables(load(run_directory), folder, "parquet" if to is Target.PARQUET else "csv"):
+            print(f"wrote {path}")
+        return
     from jouleswarm.runs.run import load_run
 
-    run, folder = load_run(run_directory), out / run_directory.resolve().name
+    run = load_run(run_directory)
     if to is Target.MLFLOW:
         from jouleswarm.report.mlflow import log_run
 
         for name in log_run(run, uri or "sqlite:///mlflow.db"):
             print(f"logged {name}")
         return
-    if to is Target.TENSORBOARD:
-        from jouleswarm.report.tensorboard import write_events
+    from jouleswarm.report.tensorboard import write_events
 
-        written = write_events(run, folder)
-    else:
-        from jouleswarm.report.exported import write_tables
-
-        written = write_tables(run, folder, "parquet" if to is Target.PARQUET else "csv")
-    for path in written:
+    for path in write_events(run, folder):
         print(f"wrote {path}")

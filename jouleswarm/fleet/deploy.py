@@ -7,8 +7,9 @@ import resource
 import secrets
 import shutil
 import subprocess
+import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,7 +36,8 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.files import other_version, read_manifest
+from jouleswarm.runs.events import Event, note_event
+from jouleswarm.runs.files import other_version, run_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
@@ -100,7 +102,7 @@ def resume_deployment(
             is at work on it.
         RunError: something of it is not as it was written, or another version wrote it; nothing has been started.
     """
-    manifest, held = read_manifest(path), path / MANIFEST
+    manifest, held = run_manifest(path), path / MANIFEST
     if other := other_version(manifest):
         raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
@@ -176,7 +178,7 @@ def _deploy(
     with ExitStack() as stack:
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
-        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        told = partial(_tell, console, directory.path)
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
@@ -186,7 +188,7 @@ def _deploy(
             )
         )
         if scenario.measure.energy:
-            told(how_measured(scenario.measure))
+            console.print(how_measured(scenario.measure), highlight=False, markup=False, soft_wrap=True)
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
@@ -217,6 +219,13 @@ def _look(recorder: Recorder, show: Callable[[], None]) -> None:
     """Who has come by now, while others are still being started."""
     recorder.pump(_GLANCE_S)
     show()
+
+
+def _tell(console: Console, run: Path, line: str) -> None:
+    """What happened, to who looks on now and to who looks later."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
+    with suppress(OSError):  # nobody's bill is of it: no reason to end a run
+        note_event(run, Event(time_s=round(time.time(), 3), text=line))
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:

@@ -14,8 +14,8 @@ from typing import cast
 
 from jouleswarm.common.bus.address import BrokerAddress
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.metering.stream import Connection, Stream
-from jouleswarm.metering.tally import Tally
 
 log = logging.getLogger("jouleswarm.metering")
 

@@ -6,16 +6,19 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import reprice
+from jouleswarm.metering.metered import Metered
 from jouleswarm.report.budget import budget_table
+from jouleswarm.report.calculated import calculated, document
+from jouleswarm.report.metered import metered_tables
 from jouleswarm.report.notes import warnings
+from jouleswarm.report.opened import load
 from jouleswarm.report.outside import Meters, outside_table
 from jouleswarm.report.table import Table
 from jouleswarm.report.why import why_tables
 from jouleswarm.runs.curves import curves
-from jouleswarm.runs.run import load_run
 from jouleswarm.runs.summary import summarise
 
 
@@ -34,7 +37,11 @@ def report_document(
         ConfigurationError: no run directory, or a price that is none.
         RunError: it is damaged, or its counters contradict each other.
     """
-    run = load_run(run_directory)
+    run = load(run_directory)
+    if isinstance(run, Metered):
+        if budget is not None or why or meters is not None:
+            raise ConfigurationError(f"{run_directory}: of what a meter counted: no --budget, --why or --meter")
+        return _metered_document(run, changes)
     priced, _ = reprice(run.scenario, changes, str(run_directory))
     run = run.at(priced)
     if run.misfits:
@@ -58,6 +65,16 @@ def report_document(
         "energy": priced.energy.model_dump(mode="json", exclude_defaults=True),
         "summary": {**summary, "status": run.status},
         "tables": [table_document(table) for table in tables],
+    }
+
+
+def _metered_document(metered: Metered, changes: Iterable[Override]) -> dict[str, Any]:
+    tariff, _ = metered.priced(changes)
+    return {
+        "run": str(metered.path),
+        "status": metered.status,
+        "bill": document(calculated(metered.bill_rows, tariff)) if metered.bill_rows else None,
+        "tables": [table_document(table) for table in metered_tables(metered, tariff)],
     }
 
 

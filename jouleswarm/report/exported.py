@@ -13,6 +13,7 @@ from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price
+from jouleswarm.metering.metered import Metered
 from jouleswarm.report.arms import labels
 from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run
@@ -37,8 +38,23 @@ def frames(run: Run) -> dict[str, pd.DataFrame]:
     }
 
 
-def write_tables(run: Run, folder: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
-    """Write `frames`, each into a file of its own; those that are there are written anew.
+def metered_frames(metered: Metered) -> dict[str, pd.DataFrame]:
+    """By name: `meter` (a row a client, direction and topic; labels as `labels.NAME`), `windows` (the same by time,
+    without topics) and `facts` (what training loops told)."""
+    windows = [
+        {"begin_s": window.begin_s, "window_s": window.window_s, **asdict(row)}
+        for window in metered.windows
+        for row in window.rows
+    ]
+    return {
+        "meter": pd.json_normalize([asdict(row) for row in metered.rows]),
+        "windows": pd.json_normalize(windows),
+        "facts": pd.json_normalize([dict(each) for each in metered.told]),
+    }
+
+
+def write_tables(run: Run | Metered, folder: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
+    """Write `frames` or `metered_frames`, each into a file of its own; those that are there are written anew.
 
     Raises:
         ConfigurationError: pyarrow is not installed, or the folder cannot be written into.
@@ -46,7 +62,7 @@ def write_tables(run: Run, folder: Path, kind: Literal["csv", "parquet"]) -> lis
     written = []
     with usable("--out", folder):
         folder.mkdir(parents=True, exist_ok=True)
-        for name, frame in frames(run).items():
+        for name, frame in (metered_frames(run) if isinstance(run, Metered) else frames(run)).items():
             path = folder / f"{name}.{kind}"
             if kind == "csv":
                 frame.to_csv(path, index=False)

@@ -58,13 +58,17 @@ def _listed(path: Path) -> ListedRun:
     try:
         manifest, summary = read_manifest(path), read_summary(path / SUMMARY)
         status = "interrupted" if summary is None else str(summary["status"])
+        status = "running" if status != "complete" and is_held(path) else status
+        started = datetime.fromisoformat(manifest["started"]).astimezone(UTC)
+        if kind := manifest.get("kind"):  # a meter's, which has no arms of its own
+            return ListedRun(path, status, scenario=str(kind), started=started)
         arms = _so_far(path / ROUNDS) if summary is None else _at_the_end(summary)
         return ListedRun(
             path=path,
-            status="running" if status != "complete" and is_held(path) else status,
+            status=status,
             scenario=str(manifest["scenario"]["name"]),
             seed=int(manifest["seed"]),
-            started=datetime.fromisoformat(manifest["started"]).astimezone(UTC),
+            started=started,
             arms=tuple(arms),
         )
     except (RunError, OSError, ValueError, KeyError, TypeError) as error:
