@@ -19,7 +19,7 @@ from jouleswarm.report.answer import short_labels
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.pace import duration_text
-from jouleswarm.report.standing import Cluster, Live, clusters, is_over, phase, rounds_of, stage_round, together
+from jouleswarm.report.standing import Cluster, Live, clusters, is_over, phase, rounds_of, stage_round, waits
 
 _SIDE_BY_SIDE = 2  # arms that are columns
 _BAR = 24
@@ -72,9 +72,9 @@ def _sections(standing: Standing) -> Iterator[Section]:
     title = Text(f"{scenario.name}, seed {scenario.seed}: {duration_text(heard.elapsed_s)}", "bold")
     yield Section(0, title.append(f"; {standing.left}", "not bold"))
     yield Section(1, Text(phase(scenario, heard), "cyan"))
-    if waits := together(heard.waits):
-        yield Section(2, Text("\n".join(waits[:_WAITS_SHOWN]), "yellow"))
-        if more := waits[_WAITS_SHOWN:]:
+    if lasting := waits(scenario, heard):
+        yield Section(2, Text("\n".join(lasting[:_WAITS_SHOWN]), "yellow"))
+        if more := lasting[_WAITS_SHOWN:]:
             yield Section(9, Text("\n".join(more), "yellow"))
     yield Section(5, _arms(standing))
     if any(clusters(scenario, heard, arm.name) for arm in scenario.arms):

@@ -19,6 +19,7 @@ from jouleswarm.report.arms import label, method_label
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _WAIT = re.compile(r"(\S+) waits for (.*) (\(\d+ s\))")
+_SILENT = "nothing heard of"
 _NAMED = 3  # processes; more are counted
 
 
@@ -74,7 +75,7 @@ class Cluster(NamedTuple):
 
 def phase(scenario: Scenario, live: Live) -> str:
     """What the run does now, and what it waits for: `MAML in the data center: round 38 of 90; ...`."""
-    if not live.spent.counts and len(live.stages) < len(_clients(scenario)):
+    if _is_starting(scenario, live):
         return _starting(scenario, live)
     arm = next((arm for arm in scenario.arms if not is_over(scenario, live, arm.name)), None)
     if arm is None:
@@ -149,6 +150,10 @@ def _clients(scenario: Scenario) -> list[str]:
     return [client_of(agent) for agent in (*scenario.agents, *([0] if scenario.needs_datacenter else []))]
 
 
+def _is_starting(scenario: Scenario, live: Live) -> bool:
+    return not live.spent.counts and len(live.stages) < len(_clients(scenario))
+
+
 def _starting(scenario: Scenario, live: Live) -> str:
     clients = _clients(scenario)
     missing = [client for client in clients if client not in live.stages]
@@ -173,8 +178,17 @@ def _stage(scenario: Scenario, live: Live, arm: Arm) -> str:
     return f"{name} in the data center: {done} of {t0} rounds; experience of round {done + 1}: {what}"
 
 
+def waits(scenario: Scenario, live: Live) -> list[str]:
+    """What lasts, the longest first, with those who wait for the same in one line; who has not come yet is told with
+    the phase."""
+    told = live.waits
+    if _is_starting(scenario, live):
+        told = [wait for wait in told if not wait.startswith(_SILENT)]
+    return together(told)
+
+
 def together(waits: Sequence[str]) -> list[str]:
-    """What the recorder says of waits, with those who wait for the same in one line, the longest first."""
+    """The recorder's lines, with those who wait for the same in one."""
     found: dict[str, list[tuple[str, str]]] = {}
     for wait in waits:
         client, what, lasts = found_in.groups() if (found_in := _WAIT.fullmatch(wait)) else ("", wait, "")

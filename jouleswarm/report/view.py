@@ -22,7 +22,7 @@ from jouleswarm.report.standing import (
     pays_for_stage,
     phase,
     stage_round,
-    together,
+    waits,
 )
 
 _LINE_EVERY_S = 10.0
@@ -79,7 +79,7 @@ class View:
             parts.append(f"{joules_text(bill.total_j)}, {100 * most / bill.total_j:.0f}% {cause.label}")
         if heard.spent.counts:
             parts.append(left_text(*self._left()))
-        return " | ".join([*parts, *together(heard.waits)[:_WAITS_IN_LINE]])
+        return " | ".join([*parts, *waits(scenario, heard)[:_WAITS_IN_LINE]])
 
     def render(self) -> RenderableType:
         """The whole view, as much of it as fits the terminal."""
