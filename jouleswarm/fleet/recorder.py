@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -19,14 +21,12 @@ from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_js
 from jouleswarm.common.wire.names import client_of, clients_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
-from jouleswarm.energy.facts import Counts
 from jouleswarm.fleet.admission import check_report, check_row, learned_name, snapshot_name
 from jouleswarm.fleet.attendance import Attendance
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
 from jouleswarm.fleet.spent import Spent
 from jouleswarm.runs.directory import RunDirectory
-from jouleswarm.runs.facts import gradient_counts
 from jouleswarm.runs.summary import summarise
 from jouleswarm.runs.traffic import DATA_CENTER
 
@@ -47,6 +47,7 @@ class Recorder:
         """`state`: folder with a folder of each process's counters, for those that hand in none."""
         self._state = state
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
+        self.run = run
         self._progress_at = 0.0
         self._reports = HandedIn()
         self._processors: dict[str, str] = {}
@@ -68,8 +69,7 @@ class Recorder:
             topics.presence(run, "+", "+"),
         ]
         self.newest = {(row.arm, row.task, row.agent): row for row in directory.rows}
-        self.gradients: dict[str, Counts] = {}
-        """By arm: batch gradients that have been told of since the recorder began to listen."""
+        self.on_row: Callable[[RoundRow], None] = lambda row: None
         self.spent = Spent(scenario, resumed=bool(directory.rows))
         self._broker = BrokerCounters(self._listener, run, scenario.bus)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
@@ -98,6 +98,12 @@ class Recorder:
     def waits(self) -> list[str]:
         """Who waits for what, and for how long nothing has come of it, the longest first: what lasts, in words."""
         return self._attendance.waits(self.waiting_for)
+
+    @property
+    def robots(self) -> Counter[str]:
+        """How many robots are awaited, here, gone and done."""
+        whole, there = self._reports.whole, self._attendance
+        return Counter(there.state(client, whole) for client in clients_of(self._scenario.agents))
 
     @property
     def received_bytes(self) -> dict[str, int]:
@@ -235,9 +241,8 @@ class Recorder:
         row = telemetry.row
         check_row(row, client, self._scenario)
         self._directory.round(row, time.time())
-        if (before := self.newest.get((row.arm, row.task, row.agent))) is None or row.round > before.round:
-            self.gradients[row.arm] = self.gradients.get(row.arm, Counts()) + gradient_counts([row])
         self.newest[row.arm, row.task, row.agent] = row
+        self.on_row(row)
         self.spent.take(row, telemetry.received)
         self._attendance.is_back(client)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
