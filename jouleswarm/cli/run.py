@@ -44,6 +44,7 @@ def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
+        typer.echo("all is recorded: pricing it" + (", then drawing figures and report.html" if figures else ""))
         print_bill(path, details=details, html=figures, figures=figures)
 
 
