@@ -126,6 +126,16 @@ def test_what_clients_and_topics_are_called_is_text_and_never_markup(tmp_path: P
         assert HOSTILE not in [bar["label"]["formatter"] for bar in chart["series"][-1]["data"]]
 
 
+def test_a_meter_that_nothing_has_passed_yet_is_shown_with_nothing(tmp_path: Path) -> None:
+    with MadeUpMeter(tmp_path / "none", LINKS):
+        shown = look(tmp_path / "none")
+    priced = meter_priced(shown, AT_REST)
+    assert (priced.total_j, shown.clients, shown.moments) == (0, (), ())
+    assert "Nothing passed that a rule prices" in total_section(shown, priced)
+    assert "broker" in [each.text for each in ElementTree.fromstring(meter_svg(shown)).iter("text")]
+    assert [each["data"] for each in time_chart(shown, priced)["series"]] == [[], []]
+
+
 def test_a_meter_is_read_again_when_it_has_written_and_runs_as_long_as_it_holds_its_directory(tmp_path: Path) -> None:
     folder = MeterFolder(tmp_path / "mine")
     with MadeUpMeter(tmp_path / "mine", LINKS) as meter:

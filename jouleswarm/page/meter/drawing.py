@@ -10,10 +10,10 @@ from jouleswarm.page.drawing import Place, thickness
 from jouleswarm.page.meter.model import Client, MeterShown, Passed
 from jouleswarm.report.format import bytes_text
 
-_WIDTH, _ACROSS, _DOWN = 640.0, 175.0, 125.0
+_WIDTH, _ACROSS, _DOWN = 640.0, 172.0, 122.0
 _CENTRE = Place(_WIDTH / 2, 172.0)
-_LEGEND_Y = 346.0
-_CLIENT, _GAP = 11.0, 1.5
+_LEGEND_Y = 352.0
+_CLIENT, _GAP = 15.0, 1.5
 _LETTERS = 12
 
 
@@ -72,9 +72,9 @@ def _circle(client: Client, at: Place) -> str:
     """With its name outside of it."""
     aside = (at.x - _CENTRE.x) / _ACROSS
     if abs(aside) < 0.1:
-        x, y, anchor = at.x, at.y + (-17 if at.y < _CENTRE.y else 26), "middle"
+        x, y, anchor = at.x, at.y + (-21 if at.y < _CENTRE.y else 30), "middle"
     else:
-        x, y, anchor = at.x + math.copysign(16, aside), at.y + 5, "start" if aside > 0 else "end"
+        x, y, anchor = at.x + math.copysign(20, aside), at.y + 5, "start" if aside > 0 else "end"
     shape = f'cx="{at.x:.1f}" cy="{at.y:.1f}" r="{_CLIENT:g}"'
     told, name = html.escape(_told(client)), html.escape(short(client.name))
     text = f'<text x="{x:.1f}" y="{y:.1f}" style="text-anchor: {anchor}">{name}</text>'

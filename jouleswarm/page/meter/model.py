@@ -101,6 +101,11 @@ class MeterShown:
         """What stands between the clients."""
         return "server" if "of" in self.metered.manifest else "broker"
 
+    @property
+    def tells_time(self) -> bool:
+        """Whether counts are by windows."""
+        return self.hub == "broker"
+
     @cached_property
     def sliders(self) -> tuple[prices.Slider, ...]:
         """Those of links; with those of computing where clients told of any."""

@@ -50,14 +50,15 @@ class MeterView:
             with box("columns"):
                 with card(f"What went between clients and the {shown.hub}"):
                     self._drawing = text("")
-                with card("Joules by client"):
+                with card("Joules of messages, by client"):
                     self._clients = ui.echart({}).style("height: 25rem; width: 100%")
             self._sliders = Sliders(shown.sliders, shown.tariff.energy, self._watch.where, self._price)
             with box("columns wide"):
                 with card("Joules by link"):
                     self._links = ui.echart({}).style("height: 15rem; width: 100%")
-                with card("By time"):
-                    self._time = ui.echart({}).style("height: 15rem; width: 100%")
+                if shown.tells_time:
+                    with card("By time"):
+                        self._time = ui.echart({}).style("height: 15rem; width: 100%")
             with card("Who moves most", "wide"):
                 self._busiest = text("")
                 self._notes = text("")
@@ -71,5 +72,6 @@ class MeterView:
         fill(self._total, total_section(shown, priced))
         redraw(self._clients, clients_chart(shown, priced))
         redraw(self._links, links_chart(shown, priced))
-        redraw(self._time, time_chart(shown, priced))
+        if shown.tells_time:
+            redraw(self._time, time_chart(shown, priced))
         fill(self._busiest, busiest_table(priced.busiest))

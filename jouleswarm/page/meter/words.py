@@ -10,7 +10,8 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.page.meter.model import Busy, MeterPriced, MeterShown
 from jouleswarm.report.format import bytes_text, joules_text
 
-_HEADINGS = ("client", "link", "topics", "messages", "payload", "joules")
+_HEADINGS = ("client", "link", "joules", "payload", "messages", "topics")
+_FIGURES = _HEADINGS[2:5]
 _WAYS = {"in": "from", "out": "to"}
 
 
@@ -33,7 +34,7 @@ def total_section(shown: MeterShown, priced: MeterPriced) -> str:
     packets = sum(row.packet_bytes for row in shown.metered.rows)
     nothing = "" if shown.facts else " Nothing passed that a rule prices."
     lines = (
-        ("bytes", f"{bytes_text(sent)} sent by clients, {bytes_text(got)} got by them; {bytes_text(packets)} in all "
+        ("payload", f"{bytes_text(sent)} sent by clients, {bytes_text(got)} got by them; {bytes_text(packets)} in all "
                   f"packets."),
         ("prices", f"{shown.prices.label}: {_constants(priced.energy)}.{nothing}"),
     )  # fmt: skip
@@ -45,14 +46,15 @@ def total_section(shown: MeterShown, priced: MeterPriced) -> str:
 
 def busiest_table(busiest: Iterable[tuple[Busy, float | None]]) -> str:
     """Who moves most on which topics; what is too long for a line is whole below the pointer."""
-    head = "".join(f"<th>{heading}</th>" for heading in _HEADINGS)
+    head = "".join(f'<th class="{"figure" * (heading in _FIGURES)}">{heading}</th>' for heading in _HEADINGS)
     lines = "".join(f"<tr>{''.join(_cells(busy, joules))}</tr>" for busy, joules in busiest)
     return f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>'
 
 
 def notes_text(notes: Iterable[str]) -> str:
     """What is no message of any rule, and rules that nothing came to."""
-    return "".join(f'<p class="soft">{html.escape(note)}</p>' for note in notes)
+    told = "".join(f'<p class="soft">{html.escape(note)}</p>' for note in notes)
+    return f'<div class="wide">{told}</div>'
 
 
 def _constants(energy: Energy) -> str:
@@ -62,8 +64,12 @@ def _constants(energy: Energy) -> str:
 
 
 def _cells(busy: Busy, joules: float | None) -> Iterator[str]:
-    for name in (f"{_WAYS[busy.direction]} {busy.client}", busy.link, busy.topics):
-        told = html.escape(name)
-        yield f'<td title="{told}">{told}</td>'
-    for figure in (str(busy.messages), bytes_text(busy.passed.bytes), joules_text(joules)):
+    yield _name(f"{_WAYS[busy.direction]} {busy.client}")
+    yield _name(busy.link)
+    for figure in (joules_text(joules), bytes_text(busy.passed.bytes), str(busy.messages)):
         yield f'<td class="figure">{figure}</td>'
+    yield _name(busy.topics)
+
+
+def _name(told: str) -> str:
+    return f'<td title="{html.escape(told)}">{html.escape(told)}</td>'
