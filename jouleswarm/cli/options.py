@@ -52,6 +52,11 @@ PowerLogNames = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
 ]
+Figures = Annotated[
+    str,
+    typer.Option(metavar="KIND,...", help="Draw figures as files of these kinds, of png, svg and pdf."),
+]
+NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, and write no report.html.")]
 Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes too, before the answer.")]
 Resume = Annotated[
     Path | None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, PowerLogNames, PowerLogs
+from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, Figures, PowerLogNames, PowerLogs
 
 
 def report(
@@ -34,18 +34,20 @@ def report(
     meter: PowerLogs = None,
     meter_name: PowerLogNames = None,
     meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+    figures: Figures = "",
     details: Details = False,
 ) -> None:
     """Tell a run's answer, at its own prices or at any others. Nothing is trained again; its files stay.
 
     --ul, --sl and the like are short for --set: --ul 500 is --set energy.ul_bit_per_j=500e3.
     """
+    from jouleswarm.common.figure_kinds import figure_kinds
     from jouleswarm.common.scenario.reading import energy_file
     from jouleswarm.energy.repricing import Prices, parse_beta
     from jouleswarm.report.outside import Meters
     from jouleswarm.report.report import report as print_bill
 
+    kinds = figure_kinds(figures)
     prices = Prices(
         ul=ul,
         sl=sl,
@@ -65,8 +67,8 @@ def report(
         why=why,
         meters=meters,
         details=details,
-        html=figures,
-        figures=figures,
+        html=bool(kinds),
+        figures=kinds,
     )
 
 

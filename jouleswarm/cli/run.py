@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +14,10 @@ from jouleswarm.cli.options import (
     Dry,
     Durable,
     EnergyFile,
+    Figures,
     KeepState,
     Measured,
+    NoFigures,
     Out,
     Restarts,
     Resume,
@@ -24,15 +27,16 @@ from jouleswarm.cli.options import (
     Seed,
     overrides,
 )
+from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 
-def _present(path: Path, figures: bool, details: bool) -> None:
+def _present(path: Path, figures: Sequence[str], details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
-        print_bill(path, details=details, html=figures, figures=figures)
+        print_bill(path, details=details, html=bool(figures), figures=figures)
 
 
 def run(
@@ -50,7 +54,8 @@ def run(
         str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
     ] = None,
     keys: KeysOption = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    figures: Figures = DEFAULT,
+    no_figures: NoFigures = False,
     resume: Resume = None,
     restarts: Restarts = 20,
     durable: Durable = False,
@@ -70,6 +75,7 @@ def run(
     from jouleswarm.fleet.more_rounds import with_more_rounds
     from jouleswarm.report.view import View
 
+    kinds = () if no_figures else figure_kinds(figures)
     started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
@@ -83,11 +89,15 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures, details)
+        _present(resume_deployment(resume, Console(), started, more), kinds, details)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures, details)
+    _present(
+        run_deployment(settings, run_id or new_run_id(settings), out, Console(), started),
+        kinds,
+        details,
+    )
 
 
 def validate(
@@ -118,7 +128,8 @@ def record(
     ready_file: Annotated[
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    figures: Figures = DEFAULT,
+    no_figures: NoFigures = False,
     details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -130,6 +141,7 @@ def record(
     from jouleswarm.fleet.recording import record_deployment
     from jouleswarm.report.view import View
 
+    kinds = () if no_figures else figure_kinds(figures)
     settings = load_scenario(scenario, overrides(set_, seed))
     path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
-    _present(path, figures, details)
+    _present(path, kinds, details)
