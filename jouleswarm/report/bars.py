@@ -21,6 +21,8 @@ from jouleswarm.runs.run import Run
 from jouleswarm.runs.sizes import scenario_sizes
 
 _KILO_FROM_J = 10_000
+_TIGHT = 4
+"""With more tasks numbers would touch those beside."""
 Bars = dict[str, list[tuple[float, float]]]  # arm -> (learning, communication) joules of each bar
 
 
@@ -60,7 +62,9 @@ def _energy_panels(panels: list[Axes], run: Run, energy: Energy, prices: PriceLi
         numbered = len(arms) <= FEW or (len(names) == 1 and len(arms) <= SOME)
         _energy_bars(axes, held, factor, looks(run.scenario), numbered=numbered)
         axes.set_xticks(range(len(names)), names)
-        axes.margins(x=0.03 if len(names) > 1 else 0.25, y=0.14)
+        axes.margins(x=0.03, y=0.14)
+        if len(names) == 1:
+            axes.set_xlim(-0.6, 0.6)
     panels[0].set_ylabel(f"energy ({unit})")
 
 
@@ -81,7 +85,9 @@ def rounds_figure(run: Run, energy: Energy) -> Figure:
             bars(stage, place, len(held), [float(run.t0[arm])], look, texts=[f"{run.t0[arm]}"])
     for stage in first:
         stage.set_xticks([0], ["$t_0$"])
-        stage.margins(x=0.25, y=0.14)
+        stage.margins(y=0.14)
+        stage.set_xlim(-0.6, 0.6)
+        stage.yaxis.get_major_locator().set_params(integer=True)
     axes.set_xticks(range(len(run.scenario.clusters)), [f"$t_{{{task}}}$" for task in run.scenario.clusters])
     axes.margins(x=0.03, y=0.14)
     (*first, axes)[0].set_ylabel("rounds")
@@ -119,4 +125,13 @@ def _energy_bars(axes: Axes, found: Bars, factor: float, held: dict[str, Look], 
         learning, communication = ([part / factor for part in each] for each in zip(*parts, strict=True))
         totals = [sum(each) / factor for each in parts]
         texts = [f"{total:.3g}" if total < 1000 else f"{total:.0f}" for total in totals] if numbered else []
-        bars(axes, place, len(found), learning, held[arm], stacked=communication, texts=texts)
+        bars(
+            axes,
+            place,
+            len(found),
+            learning,
+            held[arm],
+            stacked=communication,
+            texts=texts,
+            turned=len(totals) > _TIGHT,
+        )

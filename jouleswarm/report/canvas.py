@@ -89,6 +89,8 @@ def bars(
         if text:
             few = among <= FEW and not turned
             font = _ABOVE | ({"fontsize": 6.5} if few else {"fontsize": 5.5, "rotation": 90})
+            if held:
+                font["xytext"] = (0, 4)  # clear of the points
             axes.annotate(text, (x, max(top + half, *held, 0.0)), **font)
 
 

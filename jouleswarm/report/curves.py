@@ -20,7 +20,7 @@ from jouleswarm.runs.run import Run
 LINK_STYLES = {
     Link.UPLINK: ("#D55E00", "-"),
     Link.DOWNLINK: ("#009E73", "--"),
-    Link.SIDELINK: ("#CC79A7", "-"),
+    Link.SIDELINK: ("#CC79A7", "-."),
     Link.CONTROL: ("#7F7F7F", ":"),
 }
 

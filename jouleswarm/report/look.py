@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-_HATCHES = ("", "....", "xxxx", "----", "||||", "ooo", "+++", "\\\\\\\\", "**")
+_HATCHES = ("", "xxxx", "----", "||||", "\\\\\\\\", "++++", "..", "oo", "**")
 _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)), (0, (9, 2)), (0, (3, 1)))
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _COMMUNICATION = "/////"
