@@ -1,6 +1,7 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
 # make test   set up, then linters, type checker and all tests
 # make compose  the same by Docker Compose (see docker-compose.yml), the answer last
+# make flower .venv-flower, where the tests marked flower run Flower (40 s, 430 MB)
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
 # make clean  removes what the above made, but no run directory
 #
@@ -13,6 +14,7 @@ SCENARIO    ?= quick
 ARGS        ?=
 TORCH       ?= torch==2.13.0
 TORCH_INDEX ?=
+FLWR        ?= flwr[simulation]==1.42.0
 PYTHON      ?= $(shell for each in python3.11 python3 python; do \
 	$$each -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$each; break; }; done)
 
@@ -20,12 +22,12 @@ VENV := .venv
 BIN  := $(VENV)/bin
 PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test setup compose wheels clean
+.PHONY: run test setup compose flower wheels clean
 
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
 
-test: setup
+test: setup flower
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict
@@ -50,8 +52,17 @@ $(VENV)/installed: pyproject.toml
 	@touch $@
 	@echo "Set-up done"
 
+flower: $(VENV)-flower/installed
+
+$(VENV)-flower/installed: pyproject.toml
+	@echo "Setting up $(VENV)-flower with $(FLWR), for the tests marked flower"
+	@$(PYTHON) -m venv $(VENV)-flower
+	@$(VENV)-flower/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$(FLWR)"
+	@$(VENV)-flower/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
+
 wheels: setup
 	$(BIN)/python -m pip download --no-deps --only-binary=:all: --python-version 3.11 --dest wheels $(TORCH_INDEX) "$(TORCH)"
 
 clean:
-	rm -rf $(VENV) wheels build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-flower wheels build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

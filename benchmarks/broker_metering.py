@@ -8,21 +8,24 @@ Wall time of a run with metering against one without does not resolve this: it v
 from __future__ import annotations
 
 import os
+import statistics
 
 import psutil
 
 from benchmarks.broker_throughput import CASES, FRAME_BYTES, RUN, Case, Crew, cpu_s, fan_out
-from benchmarks.harness import embedded, seconds
+from benchmarks.harness import embedded, in_turn, seconds
+from jouleswarm.broker.by_rule import RuleMeter
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.bus.paho_client import wire_id
+from jouleswarm.common.wire.links import OWN
 
 TOPIC = f"{RUN}/ul/1/1/experience"
 
 
-def count_s(repeats: int = 200_000) -> float:
-    """Seconds to count one packet."""
-    meter, client_id = BrokerMeter(), wire_id("agent-1")
+def count_s(by_rule: RuleMeter | None = None, repeats: int = 200_000) -> float:
+    """Seconds to count one packet, by rules too."""
+    meter, client_id = BrokerMeter(by_rule=by_rule), wire_id("agent-1")
 
     def count() -> None:
         for _ in range(repeats):
@@ -53,8 +56,9 @@ def packet_s(case: Case, rounds: int) -> float:
 
 
 def main() -> None:
-    counting_s = count_s()
-    print(f"counting a packet: {counting_s * 1e6:.2f} us")
+    found = in_turn({"plain": count_s, "by rules": lambda: count_s(RuleMeter(OWN))}, 5)
+    counting_s, ruled_s = (statistics.median(each) for each in found.values())
+    print(f"counting a packet: {counting_s * 1e6:.2f} us; by rules (--links) too: {ruled_s * 1e6:.2f} us")
     for case, rounds in ((fan_out(2000, 1000, 1, "1 kB to 1"), 10), *((case, 60) for case in CASES[:3])):
         handling_s = packet_s(case, rounds)
         share = counting_s / handling_s

@@ -28,6 +28,8 @@ def main(options: Options) -> None:
 
     Example: python -m jouleswarm.broker --port 1883
 
+    Of any other application it counts what rules (docs/meter.md) say, and tells it when it ends: --links links.toml.
+
     With users, TLS and topic rights: jouleswarm keys init quick --out keys --hosts HOST,127.0.0.1, then
     python -m jouleswarm.broker --host 0.0.0.0 --keys keys
     """
@@ -40,6 +42,7 @@ def main(options: Options) -> None:
             port=(DEFAULT_PORT if tls is None else DEFAULT_TLS_PORT) if options.port is None else options.port,
             metrics_port=options.metrics_port if options.metrics else None,
             metering=options.meter,
+            links=options.links,
             exit_with_stdin=options.exit_with_stdin,
             limits=options.limits,
             tls=tls,
@@ -52,7 +55,10 @@ def main(options: Options) -> None:
             (_announce_json if options.exit_with_stdin else _announce)(addresses)
 
         with usable("--state", options.state):
-            asyncio.run(run(settings, ready, guard))
+            by_rule = asyncio.run(run(settings, ready, guard))
+        if by_rule is not None and not options.exit_with_stdin:
+            for line in by_rule.told():
+                typer.echo(line)
 
 
 def _level(log_level: str) -> int:

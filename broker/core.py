@@ -20,6 +20,7 @@ from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.packets import Connect, Will, parse_connect
 from jouleswarm.broker.publication import Publication
 from jouleswarm.common.bus.paho_client import name_of
+from jouleswarm.common.wire.mqtt import packet_bytes
 
 logger = logging.getLogger("broker")
 
@@ -49,7 +50,7 @@ class SwarmBroker(MessageBroker):
             self.budget.release(cost_bytes)
             session = self._new_session(parse_connect(first, body), connection)
             if await self._is_admitted(session, connection):
-                await self._attend(session, connection)
+                await self._attend(session, connection, packet_bytes(len(body)))
         except TimeoutError:
             reason = f"no CONNECT within {self.limits.connect_timeout_s:g} s"
             self._refuse(connection, "refused_connect_timeout", reason)
@@ -87,9 +88,12 @@ class SwarmBroker(MessageBroker):
         session.is_anonymous = False  # amqtt forgets the persistent sessions of anonymous clients within a second
         return session
 
-    async def _attend(self, session: Session, connection: Connection) -> None:
+    async def _attend(self, session: Session, connection: Connection, connect_bytes: int) -> None:
         session = await self._adopt(session)
         handler = ClientHandler(self, connection, session)
+        self.meter.control(session.client_id, "in", connect_bytes)
+        if self.meter.by_rule is not None:
+            connection.writer.on_control = partial(self.meter.control, session.client_id, "out")
         session.transitions.connect()
         self._sessions[session.client_id] = (session, handler)
         connection.send(bytes((0x20, 2, session.parent if session.level > 3 else 0, 0)))  # CONNACK

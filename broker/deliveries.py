@@ -183,6 +183,8 @@ class Deliveries:
             if written == size:
                 payload_bytes = len(publication.payload)
                 self._meter.count(client_id, publication.topic, "out", payload_bytes, size)
+                if dup:
+                    self._meter.repeated(client_id, publication.topic, "out", payload_bytes, size)
                 if delivery is not None:
                     delivery.written = publication.topic, payload_bytes, size
             else:

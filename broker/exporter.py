@@ -8,6 +8,7 @@ from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from jouleswarm.broker.by_rule import RuleKey
 from jouleswarm.broker.core import SwarmBroker
 
 _LABELS = ("run", "arm", "link", "direction", "client")
@@ -33,6 +34,7 @@ class BrokerCollector(Collector):
             for key, counts in totals.items():
                 counter.add_metric([key.run, key.arm, key.link.value, key.direction, key.client], counts[index])
             yield counter
+        yield from self._by_rule()
         events = CounterMetricFamily(
             "jouleswarm_broker_events", "refusals, take-overs, aborted deliveries", labels=("event",)
         )
@@ -43,6 +45,18 @@ class BrokerCollector(Collector):
         yield GaugeMetricFamily("jouleswarm_broker_clients", "clients connected now", value=clients)
         held = self._broker.budget.used_bytes
         yield GaugeMetricFamily("jouleswarm_broker_held_bytes", "bytes of messages in memory", value=held)
+
+    def _by_rule(self) -> Iterator[Metric]:
+        if (by_rule := self._broker.meter.by_rule) is None:
+            return
+        totals = by_rule.totals()
+        for index, (name, what) in enumerate(_COUNTERS):
+            counter = CounterMetricFamily(
+                f"jouleswarm_broker_rule_{name}", f"{what} of each rule of --links, and of none", labels=RuleKey._fields
+            )
+            for key, counts in totals.items():
+                counter.add_metric(list(key), counts[index])
+            yield counter
 
 
 def start_exporter(broker: SwarmBroker, host: str, port: int) -> int:

@@ -39,6 +39,7 @@ _REQUIRED_FLAGS = {
     PINGREQ: 0,
     DISCONNECT: 0,
 }
+_DUP = 8
 _PINGRESP = b"\xd0\x00"
 _SUBACK, _UNSUBACK = b"\x90", b"\xb0\x02"
 _PUBACK, _PUBREC, _PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"
@@ -94,6 +95,7 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             if packet.first >> 4 == PUBLISH:
                 await self._on_publish(packet)
             else:
+                self._broker.meter.control(self.session.client_id, "in", packet_bytes(len(packet.body)))
                 await self._on_control(packet.first, packet.body)
 
     def overdue(self, now_s: float) -> str | None:
@@ -143,8 +145,11 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         if message.qos == 2:  # first, so that it comes before what its sender may get of the message itself
             self.connection.send(_PUBREC + message.packet_id)
         try:
-            client_id, size = self.session.client_id, len(message.payload)
-            self._broker.meter.count(client_id, message.topic, "in", size, packet_bytes(len(packet.body)))
+            meter, client_id, topic = self._broker.meter, self.session.client_id, message.topic
+            sizes = len(message.payload), packet_bytes(len(packet.body))
+            meter.count(client_id, topic, "in", *sizes)
+            if packet.first & _DUP:
+                meter.repeated(client_id, topic, "in", *sizes)
             if message.qos < 2 or packet_id not in taken:
                 await self._broker.accept(self.session, publication, retain=message.retain)
         finally:

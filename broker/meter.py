@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from jouleswarm.broker.by_rule import RuleMeter
 from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.paho_client import name_of
 from jouleswarm.common.errors import RunError
 from jouleswarm.common.meter.counters import Cell, Counters
 from jouleswarm.common.meter.meter import Direction, MeterRow, rows_of
-from jouleswarm.common.wire.topics import ROOT, Link, arm_of, link_of, run_of
+from jouleswarm.common.meter.tally import Direction as Way
+from jouleswarm.common.wire.links import link_of
+from jouleswarm.common.wire.topics import ROOT, Link, arm_of, run_of
 
 logger = logging.getLogger("broker")
 
@@ -47,9 +51,10 @@ class BrokerMeter:
     counts; any thread may read.
     """
 
-    def __init__(self, *, enabled: bool = True, folder: Path | None = None) -> None:
-        """`folder`: where the rows of a broker that was killed are gone on from."""
+    def __init__(self, *, enabled: bool = True, folder: Path | None = None, by_rule: RuleMeter | None = None) -> None:
+        """`folder`: where the rows of a broker that was killed are gone on from; `by_rule`: counts whatever passes."""
         self.enabled = enabled
+        self.by_rule = by_rule
         self.changes = 0
         self.refusals = Refusals()
         self.on_failure: Callable[[RunError], None] = lambda error: None
@@ -59,9 +64,9 @@ class BrokerMeter:
         self._rows = Counters(folder)
         self._totals: dict[LinkKey, Cell] = {}
         self._moved: dict[str, tuple[int, float]] = {}  # run -> its messages, and when they were first as many
-        # By what a packet says of itself: the counters that it adds to. Only new ones need the lock, so that
-        # counting a packet costs a lookup and six additions.
-        self._counters: dict[tuple[str, str, Direction], tuple[Cell, ...]] = {}
+        # By what a packet says of itself: the counters that it adds to, and how many of them are of a run. Only new
+        # ones need the lock, so that counting a packet costs a lookup and a few additions.
+        self._counters: dict[tuple[str, str, Direction], tuple[tuple[Cell, ...], int]] = {}
         self._lock = threading.Lock()
         for (client, topic, direction), counts in self._rows.items():
             if direction != "acked":
@@ -71,12 +76,30 @@ class BrokerMeter:
     def count(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
         """Book a PUBLISH that was received, written whole to a subscriber, or acknowledged by one."""
         if self.enabled:
-            counters = self._counters.get((client_id, topic, direction))
-            if counters is None:
-                counters = self._new_counters(client_id, topic, direction)
+            found = self._counters.get((client_id, topic, direction))
+            if found is None:
+                found = self._new_counters(client_id, topic, direction)
+            counters, changes = found
             for cell in counters:
                 cell.add(payload_bytes, packet_bytes)
-            self.changes += len(counters)
+            self.changes += changes
+
+    def repeated(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
+        """A PUBLISH that was counted had DUP."""
+        if self.by_rule is not None and direction in ("in", "out"):
+            with self._failing():
+                self.by_rule.repeated(client_id, topic, direction, payload_bytes, packet_bytes)
+
+    def control(self, client_id: str, direction: Way, packet_bytes: int) -> None:
+        """Book a packet that is no PUBLISH, received or written whole; only rules' counters have them."""
+        if self.by_rule is not None:
+            self.count(client_id, "", direction, 0, packet_bytes)
+
+    def read_rules(self) -> int:
+        """Have the rules as their file is now; their number. Raises ConfigurationError, and the old ones stay."""
+        assert self.by_rule is not None
+        self._counters = {}  # found again as they are needed
+        return self.by_rule.read_anew()
 
     def flush(self) -> None:
         """Have the rows on the disk, if there is a folder."""
@@ -127,26 +150,47 @@ class BrokerMeter:
         with self._lock:
             return dict(self._events)
 
-    def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
-        if link_of(topic) is None:
-            return ()
-        name = name_of(client_id)
+    def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], int]:
+        if self.by_rule is None and link_of(topic) is None:
+            return (), 0
         if len(self._counters) >= 2 * MAX_ROWS:
             self._counters = {}  # found again as they are needed; each incarnation of a client had its own
+        own: tuple[Cell, ...] = ()
+        ruled, has_row = own, False
+        with self._failing():
+            own = self._own_counters(name_of(client_id), topic, direction)
+            ruled, has_row = self._ruled_counters(client_id, topic, direction)
+        found = (*own, *ruled), len(own)
+        if own or (has_row and link_of(topic) is None):  # a topic without a row must not stay in memory
+            self._counters[client_id, topic, direction] = found
+        return found
+
+    @contextlib.contextmanager
+    def _failing(self) -> Iterator[None]:
+        """No space to count in ends the broker: raised here, it would end a client's connection, again and again."""
+        try:
+            yield
+        except RunError as error:
+            self.on_failure(error)
+
+    def _own_counters(self, name: str, topic: str, direction: Direction) -> tuple[Cell, ...]:
+        """A run's: none of what is not metered, or has no room."""
+        if link_of(topic) is None:
+            return ()
         if len(self._rows) >= MAX_ROWS and (name, topic, direction) not in self._rows:
             self._miss(run_of(topic))
             self.refused("unmetered", f"{MAX_ROWS} counters are kept, and all in use: a message was not counted")
             return ()
         with self._lock:
-            try:
-                row = self._rows.cell((name, topic, direction))
-            except RunError as error:  # here a client's connection would end, again and again
-                self.on_failure(error)
-                return ()
+            row = self._rows.cell((name, topic, direction))
             # The totals are of traffic; what was acknowledged of it concerns only who looks for losses.
-            counters = (row,) if direction == "acked" else (row, self._total(name, topic, direction))
-        self._counters[client_id, topic, direction] = counters
-        return counters
+            return (row,) if direction == "acked" else (row, self._total(name, topic, direction))
+
+    def _ruled_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], bool]:
+        """Those of rules, and whether they have a row of their own."""
+        if self.by_rule is None or direction not in ("in", "out"):
+            return (), False
+        return self.by_rule.cells(client_id, topic, direction)
 
     def _miss(self, run: str) -> None:
         known = run in self._unmetered or len(self._unmetered) < RUNS_MISSED

@@ -52,6 +52,11 @@ class Options(BaseModel):
     metrics_port: int = Field(9883, ge=0, le=65535, description="Prometheus port; 0 = a free one.")
     metrics: bool = Field(True, description="Serve Prometheus metrics.")
     meter: bool = Field(True, description="Count messages and bytes.")
+    links: Path | None = Field(
+        None,
+        json_schema_extra=_FILE,
+        description="Rules from topics to links (TOML): count any application's bytes by them; SIGHUP reads them anew.",
+    )
     max_message_mb: int = Field(64, ge=1, le=255, description="Largest packet taken, MiB.")
     memory_mb: int = Field(
         192, ge=1, description="Stop reading from publishers while more than this, MiB, waits for subscribers."

@@ -57,6 +57,8 @@ class PacketWriter:
         self._last_taken_s = self._loop.time()
         self.replies = 0
         self.queued_bytes = 0
+        self.on_control: Callable[[int], None] | None = None
+        """Told of the bytes of each packet without a `done` of its own that was written whole."""
         self._caught_up: asyncio.Future[None] | None = None
 
     def send(
@@ -158,6 +160,8 @@ class PacketWriter:
                     self._wake()
             if item.done is not None:
                 item.done(item.size)
+            elif self.on_control is not None:
+                self.on_control(item.size)
 
     def _wake(self) -> None:
         if self._caught_up is not None and not self._caught_up.done():

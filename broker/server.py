@@ -18,6 +18,7 @@ from typing import Any
 
 from jouleswarm.broker.acceptor import Acceptor
 from jouleswarm.broker.access import Guard
+from jouleswarm.broker.by_rule import RuleMeter
 from jouleswarm.broker.core import SwarmBroker
 from jouleswarm.broker.counters import SnapshotPublisher
 from jouleswarm.broker.exporter import start_exporter
@@ -28,6 +29,8 @@ from jouleswarm.common.allocator import keep_freed_memory
 from jouleswarm.common.bus.paho_client import name_of
 from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.meter.tally import RULED
+from jouleswarm.common.process import on_hangup
 
 logger = logging.getLogger("broker")
 
@@ -45,6 +48,8 @@ class Settings:
     port: int = 1883
     metrics_port: int | None = 9883
     metering: bool = True
+    links: Path | None = None
+    """Rules by which to count whatever passes."""
     exit_with_stdin: bool = False
     limits: Limits = field(default_factory=Limits)
     tls: TlsFiles | None = None
@@ -60,12 +65,14 @@ class Addresses:
     metrics: str | None
 
 
-async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Guard | None = None) -> None:
+async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Guard | None = None) -> RuleMeter | None:
     """Serve until SIGTERM, SIGINT or (where asked for) the end of stdin. Without a guard everybody is let in.
 
+    Gives what was counted by rules, where there are any.
+
     Raises:
-        ConfigurationError: an address is in use or cannot be listened on, a file cannot be used for TLS, or another
-            process holds the state folder.
+        ConfigurationError: an address is in use or cannot be listened on, a file cannot be used for TLS, a rule can't
+            be, or another process holds the state folder.
         RunError: the counters in that folder are not as they were written, or there is no space for more; or a part of
             the broker has failed, without which it would go on only half.
     """
@@ -81,8 +88,11 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
     async with AsyncExitStack() as stack:
         if settings.state is not None:
             stack.enter_context(Lock(settings.state, "broker"))
-        broker = SwarmBroker(settings.limits, BrokerMeter(enabled=settings.metering, folder=settings.state), guard)
-        broker.meter.on_failure = fail
+        meter = _meter(settings, by_user=guard is not None)
+        broker = SwarmBroker(settings.limits, meter, guard)
+        meter.on_failure = fail
+        if meter.by_rule is not None:
+            on_hangup(lambda: _read_rules(meter, settings.links), ended.set)
         if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
@@ -111,6 +121,24 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
             _leave_within(LEAVE_S)
     if failures:
         raise failures[0]
+    return meter.by_rule
+
+
+def _meter(settings: Settings, *, by_user: bool) -> BrokerMeter:
+    if settings.links is None:
+        return BrokerMeter(enabled=settings.metering, folder=settings.state)
+    if not settings.metering:
+        raise ConfigurationError("got --links and --no-meter; expected one of them: rules are to count by")
+    folder = settings.state and settings.state / RULED
+    by_rule = RuleMeter(settings.links, folder, by_user=by_user)
+    return BrokerMeter(folder=settings.state, by_rule=by_rule)
+
+
+def _read_rules(meter: BrokerMeter, links: Path | None) -> None:
+    try:
+        logger.warning("%d rules of %s from now on", meter.read_rules(), links)
+    except ConfigurationError as error:
+        logger.warning("%s; the rules before stay", error)
 
 
 async def _work(ended: asyncio.Event, *jobs: Coroutine[Any, Any, None]) -> None:

@@ -17,18 +17,22 @@ class JouleSwarmError(Exception):
     """Root of the tree; catch this to catch all of ours."""
 
     exit_code = 1
+    kind = "other"
+    """In JSON documents (docs/exit_codes.md)."""
 
 
 class ConfigurationError(JouleSwarmError):
     """A scenario, map, option or URL that cannot be used. Nothing has been written."""
 
     exit_code = 2
+    kind = "configuration"
 
 
 class BrokerUnreachableError(JouleSwarmError):
     """No broker answered within the time allowed."""
 
     exit_code = 3
+    kind = "broker"
 
 
 class PayloadError(JouleSwarmError):
@@ -39,12 +43,14 @@ class TrainingError(JouleSwarmError):
     """Learning went wrong (a loss that is not finite, say). Always ends the process."""
 
     exit_code = 4
+    kind = "training"
 
 
 class RunError(JouleSwarmError):
     """A run that cannot go on or cannot be read: a process died, a file is missing."""
 
     exit_code = 5
+    kind = "run"
 
 
 class MessageTooLargeError(RunError):
@@ -55,6 +61,7 @@ class StudyError(JouleSwarmError):
     """A study that cannot be planned, run to its end or read back."""
 
     exit_code = 6
+    kind = "study"
 
 
 _USED_UP = {

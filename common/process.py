@@ -7,7 +7,7 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
@@ -53,6 +53,18 @@ def one_line_errors(name: str) -> Iterator[None]:
     except OSError:  # on a full disk; Python would try once more, and end with a code of its own
         os._exit(code)
     raise SystemExit(code)
+
+
+def on_hangup(read_anew: Callable[[], object], end: Callable[[], None]) -> None:
+    """Have SIGHUP call `read_anew` in the running event loop; where the terminal was closed, `end`, unless ignored."""
+    import asyncio  # which few processes need
+
+    lives_on = not os.isatty(0) or signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+    def heard() -> None:
+        (read_anew if lives_on or os.isatty(0) else end)()
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, heard)
 
 
 def use_one_thread() -> None:

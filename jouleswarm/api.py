@@ -22,12 +22,12 @@ from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.bill import COMPUTING, Bill
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, is_whole, price, price_lists
-from jouleswarm.energy.repricing import reprice
 from jouleswarm.fleet.deploy import RESTARTS, Options, new_run_id, run_deployment
+from jouleswarm.metering.metered import Metered
 from jouleswarm.report.calculated import calculate
+from jouleswarm.report.opened import load
 from jouleswarm.report.view import View
 from jouleswarm.runs.run import Run as RunData
-from jouleswarm.runs.run import load_run
 
 _NOTHING: Mapping[str, object] = MappingProxyType({})
 _SELDOM = (
@@ -125,7 +125,7 @@ class Run:
             RunError: it is not a run's, or damaged.
         """
         self.path = Path(path)
-        self._data = load_run(self.path)
+        self._data = load(self.path)
 
     def __repr__(self) -> str:
         return f"<Run {self.path}, {self.status}>"
@@ -138,18 +138,40 @@ class Run:
 
     @property
     def scenario(self) -> Scenario:
-        """What was run, resolved."""
+        """What was run, resolved.
+
+        Raises:
+            ConfigurationError: nothing was, a meter counted.
+        """
+        if isinstance(self._data, Metered):
+            raise ConfigurationError(f"{self.path}: what a meter counted has no scenario")
         return self._data.scenario
 
     @property
     def rounds(self) -> pd.DataFrame:
-        """The rows of rounds.jsonl: one a robot and round; agent 0 is the data center."""
-        return _frame(self._read().rows, RoundRow)
+        """The rows of rounds.jsonl: one a robot and round; agent 0 is the data center. A meter has none."""
+        data = self._read()
+        return _frame([] if isinstance(data, Metered) else data.rows, RoundRow)
 
     @property
     def meter(self) -> pd.DataFrame:
-        """The rows of meter.jsonl: cumulative bytes by client, topic and direction, as both sides counted them."""
-        return _frame(self._read().meter_rows, MeterRow)
+        """The rows of meter.jsonl: cumulative bytes by client, topic and direction, as both sides counted them; or as
+        a meter did, with link, phase, rule and labels."""
+        data = self._read()
+        return pd.DataFrame(data.rows) if isinstance(data, Metered) else _frame(data.meter_rows, MeterRow)
+
+    @property
+    def windows(self) -> pd.DataFrame:
+        """What passed a meter by windows of time, each row of its window alone and without a topic; a run has none."""
+        data = self._read()
+        windows = data.windows if isinstance(data, Metered) else ()
+        return pd.DataFrame(
+            [
+                {"begin_s": each.begin_s, "window_s": each.window_s} | asdict(row)
+                for each in windows
+                for row in each.rows
+            ]
+        )
 
     def facts(self, arm: str) -> Facts:
         """What price lists are given of an arm.
@@ -179,15 +201,15 @@ class Run:
         held = {each.name: each for each in data.price_lists} if isinstance(prices, str) else {}
         if isinstance(prices, str) and prices not in held:
             changes.append(("energy.prices", [prices]))
-        scenario, _ = reprice(data.scenario, changes, str(self.path))
+        priced, _ = data.priced(changes)
         if isinstance(prices, str):
-            prices = held[prices] if prices in held else price_lists(scenario)[0]
-        rows = {arm: _row(prices, facts, scenario.energy) for arm, facts in data.facts.items()}
+            prices = held[prices] if prices in held else price_lists(priced)[0]
+        rows = {arm: _row(prices, facts, priced.energy) for arm, facts in data.facts.items()}
         return _bills(rows)
 
-    def _read(self) -> RunData:
+    def _read(self) -> RunData | Metered:
         if self._data.status != "complete":
-            self._data = load_run(self.path)
+            self._data = load(self.path)
         return self._data
 
 
@@ -195,7 +217,7 @@ def _bills(rows: Mapping[str, Mapping[tuple[str, str], float | None]]) -> pd.Dat
     """A row an arm; causes that are seldom only where there are joules of them."""
     columns = [
         column
-        for column in next(iter(rows.values()))
+        for column in next(iter(rows.values()), ())
         if column[1] not in _SELDOM or any(row[column] for row in rows.values())
     ]
     return pd.DataFrame(

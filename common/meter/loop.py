@@ -1,4 +1,5 @@
-"""A meter for anybody's training loop: bytes, gradients, seconds and joules into a file for `jouleswarm bill`.
+"""A meter for anybody's training loop: bytes, gradients, seconds and joules into a file for `jouleswarm bill`, or over
+MQTT to who writes a run directory.
 
 Nothing of our world is in it, and importing it loads no library (docs/meter_python.md).
 """
@@ -6,25 +7,21 @@ Nothing of our world is in it, and importing it loads no library (docs/meter_pyt
 from __future__ import annotations
 
 import atexit
-import csv
-import errno
-import fcntl
-import io
+import logging
 import os
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.counts_file import CountsFile, Rows, check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor
 
-COLUMNS = ("arm", "phase", "task", "robot", "to", "what", "value", "end", "activity", "round", "how")
-_HEAD = f"{','.join(COLUMNS)}\n".encode()
 _FLUSH_S = 1.0
 _N = 1_000_000_000
 _SERVER, _CENTER = "server", "datacenter"  # as callers and as bills call it
@@ -38,13 +35,24 @@ _ROLES = {  # (link, end) -> whose meter may say so
 }
 _Label = tuple[str, str]
 
+log = logging.getLogger("jouleswarm.meter")
+
+
+class _Out(Protocol):
+    """Where rows go."""
+
+    def put(self, rows: Rows, *, wait: bool) -> bool: ...
+    def forked(self) -> None: ...
+    def close(self) -> Rows: ...
+
 
 class Meter:
     """Counts what one process does; any thread may count, and one opens phases.
 
     Counts are appended to the file when the outermost phase ends, a second after the last time at the earliest, by
-    `flush`, and at exit. What is in the file a crash leaves there. Several meters may share a file. A forked child
-    counts anew from nothing.
+    `flush`, and at exit. What is in the file a crash leaves there. Several meters may share a file. With a broker they
+    are sent there in place of the file, which only gets what could not be sent by the end. A forked child counts anew
+    from nothing.
     """
 
     def __init__(
@@ -53,6 +61,7 @@ class Meter:
         role: Literal["robot", "server"] = "robot",
         file: str | Path = "counts.csv",
         *,
+        broker: str | None = None,
         arm: str = "",
         task: int | None = None,
         stage: Literal["ml", "fl"] = "fl",
@@ -64,6 +73,8 @@ class Meter:
             name: of the client, as others name it in `to` and `sender`.
             role: who pays: what robots send and compute is theirs, all else the server's.
             file: CSV; what is in it stays.
+            broker: URL, mqtt://[user:password@]host[:1883], behind which a meter writes down what is counted; needs
+                paho-mqtt.
             arm: what the experiment compares, say "FedAvg"; the same at both ends of a link.
             task: what the client learns, where there are several.
             stage: "ml" in the data center's stage before, eq. (8); "fl", eq. (10).
@@ -71,23 +82,21 @@ class Meter:
             gpu_uuid: of the GPU whose counter is read too, as PyTorch tells it.
 
         Raises:
-            ConfigurationError: a name cannot stand in the file, or the file is no meter's or cannot be written.
+            ConfigurationError: a name cannot stand in the file, the file is no meter's or cannot be written, or the URL
+                is none.
         """
         if role not in ("robot", _SERVER):
             raise ConfigurationError(f"meter {name}: role {role!r}, expected 'robot' or 'server'")
         if role == "robot" and name in (_SERVER, _CENTER):
             raise ConfigurationError(f"meter {name}: a robot's name, expected another one, or role='server'")
-        _check_word(name)
-        _check_word(arm or "arm")
+        check_word(name)
+        check_word(arm or "arm")
         self.name, self.role, self.file = name, role, Path(file).absolute()
         self._place, self._rated, self._gpu_uuid = (arm, stage, "" if task is None else str(task)), rated, gpu_uuid
         self._begin()
-        try:
-            self._append([])
-        except OSError as error:
-            raise ConfigurationError(f"meter {name}: cannot write {self.file} ({error.strerror})") from error
-        atexit.register(self.flush)
-        os.register_at_fork(after_in_child=self._begin)
+        self._out: _Out = CountsFile(self.file, name) if broker is None else _bus(name, broker)
+        atexit.register(self.close)
+        os.register_at_fork(after_in_child=self._go_on_forked)
 
     def _begin(self) -> None:
         self._lock, self._thread, self._depth = threading.RLock(), 0, 0
@@ -105,7 +114,7 @@ class Meter:
         Raises:
             ConfigurationError: another thread has a phase open, or the name cannot stand in the file.
         """
-        _check_word(name)
+        check_word(name)
         before = self._go((name, "" if round is None else str(round)), 1)
         try:
             yield
@@ -133,20 +142,40 @@ class Meter:
         self._count(link, "received", sender, nbytes)
 
     def flush(self) -> None:
-        """Write what has been counted; an open phase's part too.
+        """Write what has been counted; an open phase's part too. A broker that is away is waited for some seconds; the
+        counts stay then for the next time.
 
         Raises:
-            OSError: it cannot be written; the counts stay for the next time.
+            OSError: it cannot be written; the counts stay too.
         """
-        with self._lock:
-            self._energy.settle()
-            self._append([*self._counted(), *self._measured()])
-            self._sums, self._drawn, self._flushed_s = {}, {}, time.monotonic()
+        self._flush(wait=True)
 
     def close(self) -> None:
-        """Write, and nothing more at exit."""
+        """Write, and nothing more at exit. What could not be sent goes to the file, and a warning tells it.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         self.flush()
-        atexit.unregister(self.flush)
+        atexit.unregister(self.close)
+        with self._lock:
+            if left := [*self._out.close(), *self._rows()]:
+                CountsFile(self.file, self.name).put(left)
+                log.warning("meter %s: %d rows could not be sent, they are in %s", self.name, len(left), self.file)
+
+    def _flush(self, *, wait: bool) -> None:
+        with self._lock:
+            self._energy.settle()
+            if self._out.put(self._rows(), wait=wait):
+                self._sums, self._drawn = {}, {}
+            self._flushed_s = time.monotonic()
+
+    def _rows(self) -> Rows:
+        return [*self._counted(), *self._measured()]
+
+    def _go_on_forked(self) -> None:
+        self._begin()
+        self._out.forked()
 
     def _cell(self, key: Key) -> Cell:
         return self._drawn.setdefault(key, Cell())
@@ -162,7 +191,7 @@ class Meter:
             before, self._label = self._label, label
             self._energy.enter(*label, "")
             if not self._depth and time.monotonic() - self._flushed_s >= _FLUSH_S:
-                self.flush()
+                self._flush(wait=False)
         return before
 
     def _count(self, what: str, end: str, other: str, amount: float) -> None:
@@ -178,7 +207,7 @@ class Meter:
             held[1] += amount
 
     def _check(self, link: str, end: str, other: str) -> None:
-        _check_word(other)
+        check_word(other)
         if _ROLES.get((link, end)) != self.role:
             ways = [each for (each, way), role in _ROLES.items() if (way, role) == (end, self.role)]
             raise ConfigurationError(f"meter {self.name}: a {self.role} has {end} {link}, expected {' or '.join(ways)}")
@@ -207,20 +236,10 @@ class Meter:
                 label = how if what == "joules" else ""
                 yield (*self._place, me, "", what, f"{value / _N:.9f}", "", activity, round_, label)
 
-    def _append(self, rows: list[tuple[object, ...]]) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        with self.file.open("a+b", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            file.seek(0)
-            if (head := file.read(len(_HEAD))) not in (b"", _HEAD):
-                raise ConfigurationError(f"meter {self.name}: {self.file} is not a meter's file, expected a new one")
-            data, size = (b"" if head else _HEAD) + text.getvalue().encode(), file.seek(0, os.SEEK_END)
-            if file.write(data) != len(data):  # a full disk: rather no rows than half of one
-                file.truncate(size)
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.file))
 
-
-def _check_word(word: str) -> None:
-    if not 0 < len(word) <= 100 or not word.isprintable() or word.strip(" #") != word:
-        raise ConfigurationError(f"meter: name {word!r:.120}, expected 1 to 100 printable letters without # at an end")
+def _bus(name: str, broker: str) -> _Out:
+    try:
+        from jouleswarm.common.meter.counts_bus import CountsBus
+    except ImportError as error:
+        raise ConfigurationError(f"meter {name}: broker= needs paho-mqtt: `pip install paho-mqtt`") from error
+    return CountsBus(name, broker)

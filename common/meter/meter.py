@@ -17,8 +17,9 @@ from jouleswarm.common.meter.joules import JoulesRow, joules_rows
 from jouleswarm.common.meter.power import gpu, processor, told
 from jouleswarm.common.meter.work import EVALUATION, WORK, Phase, Tally, WorkRow, work_keys, work_rows
 from jouleswarm.common.scenario.measure import Measure
+from jouleswarm.common.wire.links import link_of, phase_of
 from jouleswarm.common.wire.mqtt import publish_packet_bytes
-from jouleswarm.common.wire.topics import Link, arm_of, link_of, phase_of
+from jouleswarm.common.wire.topics import Link, arm_of
 
 Direction = Literal["in", "out", "acked", "repeated"]
 """in, out: whole PUBLISH packets as the side sees them. acked, of the broker: those of out whose receipt the client

@@ -71,7 +71,7 @@ def with_own(factory: Any, given: Mapping[str, Any], core: Mapping[str, Any], fo
         return data  # the core says what it expects
     fields = [{key: value for key, value in task.items() if key not in Task.model_fields} for task in tasks]
     others = {key: value for key, value in data.items() if key not in core}
-    own = _own_model(factory).model_validate({**others, "tasks": fields})
+    own = own_model(factory).model_validate({**others, "tasks": fields})
     tables = {name: getattr(own, name) for name in type(own).model_fields}
     pairs = zip(tasks, tables.pop("tasks"), strict=True)
     merged = [{**task, **{name: getattr(own, name) for name in type(own).model_fields}} for task, own in pairs]
@@ -79,7 +79,8 @@ def with_own(factory: Any, given: Mapping[str, Any], core: Mapping[str, Any], fo
 
 
 @lru_cache(maxsize=16)
-def _own_model(factory: Any) -> type[Section]:
+def own_model(factory: Any) -> type[Section]:
+    """Of the tables that are the environment's own, and of the fields that its tasks have beside the core's."""
     sections: dict[str, Any] = {name: (kind, kind()) for name, kind in getattr(factory, "sections", {}).items()}
     task: Any = getattr(factory, "task", Section)
     return create_model("Own", __base__=Section, tasks=(tuple[task, ...], ()), **sections)

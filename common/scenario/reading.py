@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-import json
-import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from jouleswarm.common.doors import DOORS, trial_of
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.energy import Energy
+from jouleswarm.common.scenario.environments import LANDMARKS, factory_of, own_model
 from jouleswarm.common.scenario.fitting import misfits
+from jouleswarm.common.scenario.mistakes import did_you_mean, one_line, short
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Interface
 
@@ -66,7 +67,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
         expected = "a run's manifest" if path.suffix == ".json" else "valid TOML"
         raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
     if not isinstance(data, dict):
-        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {_short(data)}")
+        raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {short(data)}")
     return data, interface
 
 
@@ -79,9 +80,15 @@ def scenario_path(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
-    if path.name not in (known := sorted(each.stem for each in SCENARIOS.glob("*.toml"))):
-        raise ConfigurationError(f"scenario {path}: no file here, expected one or a name: {', '.join(known)}")
+    if path.name not in (known := scenario_names()):
+        told = f"no file here, expected one or a name: {', '.join(known)}{did_you_mean(path.name, known)}"
+        raise ConfigurationError(f"scenario {path}: {told}")
     return SCENARIOS / f"{path.name}.toml"
+
+
+def scenario_names() -> list[str]:
+    """Of those that come with the package."""
+    return sorted(each.stem for each in SCENARIOS.glob("*.toml"))
 
 
 def energy_file(path: Path | None) -> list[Override]:
@@ -100,7 +107,7 @@ def energy_file(path: Path | None) -> list[Override]:
         raise ConfigurationError(f"energy file {path}: not valid TOML: {error}") from error
     if not set(held) <= {"energy", "robots"} or not isinstance(held.get("energy", {}), dict):
         raise ConfigurationError(
-            f"energy file {path}: has {_short(list(held))}, expected tables [energy] and [[robots]] and nothing else"
+            f"energy file {path}: has {short(list(held))}, expected tables [energy] and [[robots]] and nothing else"
         )
     robots: list[Override] = [("robots", held["robots"])] if "robots" in held else []
     return [*((f"energy.{key}", value) for key, value in held.get("energy", {}).items()), *robots]
@@ -126,7 +133,7 @@ def with_prices(
     try:
         return scenario.at(Energy.model_validate(data["energy"]), prices_folder)
     except ValidationError as error:
-        raise ConfigurationError(f"scenario {where}: {one_line(error, 'energy.')}") from error
+        raise ConfigurationError(f"scenario {where}: {one_line(error, [Energy], 'energy.')}") from error
 
 
 def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str) -> Scenario:
@@ -161,7 +168,7 @@ def scenario_from(
         known = None if interface is None else Interface.model_validate(interface)
         scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
     except ValidationError as error:
-        raise ConfigurationError(f"scenario {where}: {one_line(error)}") from error
+        raise ConfigurationError(f"scenario {where}: {one_line(error, _models(data, folder))}") from error
     if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun
         raise ConfigurationError(f"scenario {where}: {misfit}")
     try:
@@ -171,6 +178,13 @@ def scenario_from(
     except ConfigurationError as error:
         raise ConfigurationError(f"scenario {where}: {error}") from error
     return scenario
+
+
+def _models(data: Mapping[str, Any], folder: Path | None) -> list[type[BaseModel]]:
+    """Whose fields a scenario may have: its own, and its environment's."""
+    with contextlib.suppress(ConfigurationError):
+        return [Scenario, own_model(factory_of(str(data.get("environment", LANDMARKS)), folder))]
+    return [Scenario]
 
 
 def apply_override(data: dict[str, Any], override: Override) -> None:
@@ -199,21 +213,3 @@ def _value(text: str, shown: str) -> Any:
         return text
     except ValueError as error:
         raise ConfigurationError(f"override {shown}: {error}") from error
-
-
-def one_line(error: ValidationError, within: str = "") -> str:
-    """All that is wrong; `within` stands before each place."""
-    parts = []
-    for item in error.errors(include_url=False):
-        where = within + ".".join(str(level) for level in item["loc"])
-        got = "" if item["type"] in ("value_error", "missing", "extra_forbidden") else f", got {_short(item['input'])}"
-        parts.append(f"{where}: {item['msg'].removeprefix('Value error, ')}{got}".removeprefix(": "))
-    return "; ".join(parts)
-
-
-def _short(value: object) -> str:
-    try:
-        text = json.dumps(value, default=str)
-    except RecursionError:
-        text = reprlib.repr(value)
-    return text if len(text) < 60 else text[:57] + "..."

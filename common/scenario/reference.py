@@ -29,6 +29,10 @@ come with the package, by name:
 | `cartpole` | Gymnasium's CartPole, a pole length for each task: vectors |
 | `minigrid` | MiniGrid: images; needs `pip install jouleswarm[minigrid]` |
 
+`jouleswarm init mine.toml` writes one of your own, valid as it is, every field in it with its default. For an editor
+that completes and checks TOML (taplo, Even Better TOML): `jouleswarm schema > scenario.schema.json`, and as the
+scenario's first line `#:schema ./scenario.schema.json`.
+
 A task of the landmarks is a drawing:
 
 ```toml

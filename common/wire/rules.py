@@ -55,8 +55,8 @@ class Rule:
 
     def applies(self, topic: Levels, sender: str | None, receiver: str | None) -> bool:
         """Whether it matches a packet; a client that is not known, None, is none that a pattern asks for."""
-        ends = ((self.priced.sender, sender), (self.priced.receiver, receiver))
-        return matches(self.levels, topic) and all(_fits(pattern, client) for pattern, client in ends)
+        priced = self.priced
+        return matches(self.levels, topic) and _fits(priced.sender, sender) and _fits(priced.receiver, receiver)
 
     def hides(self, other: Rule) -> bool:
         """Whether what `other` matches is always matched by this one."""
@@ -87,8 +87,20 @@ def read_rules(path: Path) -> list[Rule]:
     """
     try:
         text = path.read_text(encoding="utf-8")
-        table = parse_toml(text)
     except (OSError, ValueError) as error:
+        raise ConfigurationError(f"rules {path}: cannot be read ({error})") from error
+    return parse_rules(text, path)
+
+
+def parse_rules(text: str, path: Path | str) -> list[Rule]:
+    """The same of a file's text; `path` stands in errors.
+
+    Raises:
+        ConfigurationError: one line with the file's line number.
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as error:
         raise ConfigurationError(f"rules {path}: cannot be read ({error})") from error
     rules = list(_rules(table, text.splitlines(), path))
     if not 0 < len(rules) <= _MOST_RULES:
@@ -104,7 +116,7 @@ def read_rules(path: Path) -> list[Rule]:
     return rules
 
 
-def _rules(table: Mapping[str, Any], lines: Sequence[str], path: Path) -> Iterator[Rule]:
+def _rules(table: Mapping[str, Any], lines: Sequence[str], path: Path | str) -> Iterator[Rule]:
     for text, value in table.items():
         line = next((at for at, each in enumerate(lines, 1) if f'"{text}"' in each or f"'{text}'" in each), 0)
         line = line or next((at for at, each in enumerate(lines, 1) if text in each), 1)

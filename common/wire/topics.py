@@ -1,7 +1,8 @@
 """The only place where topic strings are made and read.
 
 ``jouleswarm/<run>/<arm>/<link>/...`` with link one of ul, dl, sl, ctl, tlm. The arm is a level of the
-topic so that per-topic byte counters need no further knowledge to be priced arm by arm.
+topic so that per-topic byte counters need no further knowledge to be priced arm by arm. Which link class each is priced
+as, links.toml says.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import re
 from enum import StrEnum
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.wire.types import RowPhase
 
 ROOT = "jouleswarm"
 
@@ -35,16 +35,6 @@ class Link(StrEnum):
     DOWNLINK = "downlink"
     SIDELINK = "sidelink"
     CONTROL = "control"
-
-
-_LINKS = {
-    "ul": Link.UPLINK,
-    "dl": Link.DOWNLINK,
-    "sl": Link.SIDELINK,
-    "ctl": Link.CONTROL,
-    "tlm": Link.CONTROL,
-}
-_STAGE_WORDS = ("experience", "meta")  # last levels of what is moved for a model that robots start from
 
 
 _LONGEST_RUN = 128  # it is the name of a folder too
@@ -185,14 +175,6 @@ def claim(run: str, task: int, agent: int) -> str:
     return f"{ROOT}/{run}/{SHARED}/ctl/{task}/{agent}/claim"
 
 
-def link_of(topic: str) -> Link | None:
-    """Link class of a topic, or None where the topic is not metered (meter reports, foreign topics)."""
-    levels = topic.split("/", 4)
-    if len(levels) < 5 or levels[0] != ROOT:
-        return None
-    return _LINKS.get(levels[3])
-
-
 def run_of(topic: str) -> str:
     """Run name of a metered topic."""
     return topic.split("/", 3)[1]
@@ -212,14 +194,3 @@ def agent_of(topic: str) -> str:
     """The level of an experience or weights topic that holds its robot's id; "" where there is none."""
     levels = topic.split("/", 6)
     return levels[5] if len(levels) > 6 else ""
-
-
-def phase_of(topic: str) -> str:
-    """Learning phase that a metered topic's bytes belong to: maml (a stage before), fl (all other learning) or control.
-
-    Written as in rows, whatever the method.
-    """
-    link = link_of(topic)
-    if link in (None, Link.CONTROL):
-        return "control"
-    return RowPhase.ML if topic.rsplit("/", 1)[-1] in _STAGE_WORDS else RowPhase.FL

@@ -1,40 +1,43 @@
-"""A learner: `python learner.py NUMBER PORT FILE`. Least squares by gradient descent on data of its own.
+"""A learner: `python learner.py NUMBER PORT`. Least squares by gradient descent on data of its own.
 
 After each round its model is averaged with the others', by the parameter server or among neighbours. Prints the error
-of each arm's last model on its data.
+of the last model on its data, of each encoding by the server and then by consensus.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 import numpy as np
 from payloads import ENCODINGS, FEATURES, OUTPUTS, Encoding, Tensors
-from wire import ARMS, BATCHES, CONSENSUS, LEARNERS, POST, ROUNDS, SERVER, Client
+from wire import BATCHES, CONSENSUS, LEARNERS, POST, ROUNDS, SERVER, Client
 
 from jouleswarm import Meter
 
 SAMPLES, STEP = 128, 0.4
+Exchange = Callable[[Tensors, bytes], Tensors]
+"""Own model, and it as bytes -> the average."""
 
 
-def main(number: int, port: int, file: str) -> None:
-    client = Client(f"learner-{number}", port, SERVER, CONSENSUS)
+def main(number: int, port: int) -> None:
+    me = f"learner-{number}"
+    neighbours = [f"+/{CONSENSUS}/learner-{each}" for each in LEARNERS if each != number]
+    client = Client(me, port, f"+/{SERVER}", *neighbours)
     truth = np.random.default_rng(0).normal(size=(FEATURES, OUTPUTS))
     noise = np.random.default_rng(number)
     x = noise.normal(size=(SAMPLES, FEATURES)).astype(np.float32)
     y = (x @ truth + 0.1 * noise.normal(size=(SAMPLES, OUTPUTS))).astype(np.float32)
-    for mode, name in ARMS:
-        meter = Meter(f"learner-{number}", role="robot", file=file, arm=f"{mode}, {name}")
-        model = learn(client, number, mode, ENCODINGS[name], meter, x, y)
-        print(f"{np.mean((x @ model['weight'] + model['bias'] - y) ** 2):.4f}", flush=True)
+    for name, encoding in ENCODINGS.items():
+        meter = Meter(me, broker=f"mqtt://127.0.0.1:{port}", arm=name)
+        for exchange in (by_server, by_consensus):
+            model = learn(number, exchange(client, number, name, encoding), encoding, meter, x, y)
+            print(f"{np.mean((x @ model['weight'] + model['bias'] - y) ** 2):.4f}", flush=True)
         meter.close()
     client.close()
 
 
-def learn(
-    client: Client, me: int, mode: str, encoding: Encoding, meter: Meter, x: np.ndarray, y: np.ndarray
-) -> Tensors:
-    exchange = by_server if mode == SERVER else by_consensus
+def learn(me: int, exchange: Exchange, encoding: Encoding, meter: Meter, x: np.ndarray, y: np.ndarray) -> Tensors:
     bias, weight = np.zeros(OUTPUTS, np.float32), np.zeros((FEATURES, OUTPUTS), np.float32)
     for number in range(ROUNDS):
         with meter.phase("train", round=number):
@@ -46,31 +49,28 @@ def learn(
             own = {"bias": bias, "from": np.array([me, number], np.int32), "weight": weight}
             payload = encoding.encode(own)
         with meter.phase("exchange", round=number):
-            model = exchange(client, encoding, meter, own, payload)
+            model = exchange(own, payload)
         bias, weight = model["bias"], model["weight"]
     return model
 
 
-def by_server(client: Client, encoding: Encoding, meter: Meter, own: Tensors, payload: bytes) -> Tensors:
-    client.publish(POST, payload)
-    meter.sent("uplink", len(payload))
-    answer = client.take(SERVER)
-    meter.received("downlink", len(answer))
-    return encoding.decode(answer)
+def by_server(client: Client, me: int, name: str, encoding: Encoding) -> Exchange:
+    def exchange(own: Tensors, payload: bytes) -> Tensors:
+        client.publish(f"{name}/{POST}", payload)
+        return encoding.decode(client.take(f"{name}/{SERVER}"))
+
+    return exchange
 
 
-def by_consensus(client: Client, encoding: Encoding, meter: Meter, own: Tensors, payload: bytes) -> Tensors:
-    client.publish(CONSENSUS, payload)
-    me, theirs = own["from"][0], []
-    for _ in LEARNERS:  # its own message too comes to whoever has subscribed to the topic, and is no neighbour's
-        answer = client.take(CONSENSUS)
-        found = encoding.decode(answer)
-        if (sender := found["from"][0]) != me:
-            theirs.append(found)
-            meter.sent("sidelink", len(payload), to=f"learner-{sender}")
-            meter.received("sidelink", len(answer), sender=f"learner-{sender}")
-    return {key: np.mean([each[key] for each in (own, *theirs)], axis=0) for key in ("bias", "weight")}
+def by_consensus(client: Client, me: int, name: str, encoding: Encoding) -> Exchange:
+    def exchange(own: Tensors, payload: bytes) -> Tensors:
+        client.publish(f"{name}/{CONSENSUS}/learner-{me}", payload)
+        others = [f"{name}/{CONSENSUS}/learner-{each}" for each in LEARNERS if each != me]
+        every = [own, *(encoding.decode(client.take(topic)) for topic in others)]
+        return {key: np.mean([each[key] for each in every], axis=0) for key in ("bias", "weight")}
+
+    return exchange
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
+    main(int(sys.argv[1]), int(sys.argv[2]))

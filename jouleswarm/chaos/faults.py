@@ -21,7 +21,8 @@ from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import LOCK, await_free
 from jouleswarm.common.disk.statefile import StateFile
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.topics import Link, link_of
+from jouleswarm.common.wire.links import link_of
+from jouleswarm.common.wire.topics import Link
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.packages import command_of
 from jouleswarm.runs.directory import STATE

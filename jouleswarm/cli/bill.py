@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.cli.options import EnergyOption
+from jouleswarm.cli.options import EnergyOption, must_exist
 
 
 def bill(
@@ -40,14 +40,16 @@ def bill(
     before what is worked out. `jouleswarm bill --example` has all words; docs/bill.md has the paper's Table II.
     """
     from jouleswarm.energy.rows import example as example_file
-    from jouleswarm.report.calculated import calculate, document, print_calculated
 
     if example:
         print(example_file(), end="")
         return
     if not counts:
         raise typer.BadParameter("expected a file of counts, or --example")
-    found = calculate(counts, energy, set_ or ())
+    must_exist("counts", *counts)
+    from jouleswarm.report.calculated import calculate, document, print_calculated
+
+    found = calculate(counts[0] if len(counts) == 1 else counts, energy, set_ or ())
     if as_json:
         print(json.dumps(document(found), indent=2))
     else:

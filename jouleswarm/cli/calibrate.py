@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from jouleswarm.common.options import SCENARIO_HELP, SetOption
+from jouleswarm.cli.options import ScenarioFile
+from jouleswarm.common.options import SetOption
 
 
 def calibrate(
     role: Annotated[str, typer.Option(help="Whose constants: robot (T_k, P_k) or datacenter (T_0, P_0, beta).")],
-    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)] = Path("quick"),
+    scenario: ScenarioFile = Path("quick"),
     device: Annotated[str, typer.Option(help="What computes: cpu or cuda.")] = "cpu",
     repeats: Annotated[int, typer.Option(min=3, help="Batch gradients to time, or more until 2 s are over.")] = 100,
     write: Annotated[
@@ -26,9 +27,10 @@ def calibrate(
 
     \b
     jouleswarm calibrate quick --role robot --write energy.toml
-    jouleswarm calibrate quick --role datacenter --device cuda --write energy.toml
+    jouleswarm calibrate quick --role datacenter --device cuda \\
+        --write energy.toml
     jouleswarm run quick --energy energy.toml
-    jouleswarm report runs/RUN --energy energy.toml     # a run that is over; nothing is trained again
+    jouleswarm report runs/RUN --energy energy.toml   # a run that is over
 
     Seconds are medians, after a warm-up; of a processor in one thread and by CPU time, so that other work on the
     machine does not count. Joules are read from RAPL and NVML where they can be; else they are estimated as CPU time x
@@ -41,11 +43,12 @@ def calibrate(
 
     from jouleswarm.common.process import use_one_thread
     from jouleswarm.common.scenario.reading import load_scenario
+
+    settings = load_scenario(scenario, set_ or ())
     from jouleswarm.methods.calibration import calibrate as measured
     from jouleswarm.report.calibration import calibration_table, check_writable, energy_lines, write_energy
     from jouleswarm.report.table import show
 
-    settings = load_scenario(scenario, set_ or ())
     check_writable(write)
     use_one_thread()
     console = Console()

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from jouleswarm.cli.options import ScenarioFile
 from jouleswarm.common.invoked import executable, python
-from jouleswarm.common.options import SCENARIO_HELP, SetOption
+from jouleswarm.common.options import SetOption
 
 keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
 
@@ -20,7 +21,7 @@ def _group() -> None:
 
 @keys.command()
 def init(
-    scenario: Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)],
+    scenario: ScenarioFile,
     out: Annotated[Path, typer.Option(help="The folder to make; it must not be there yet.")] = Path("keys"),
     hosts: Annotated[
         str, typer.Option(help="Host names and addresses that clients reach the broker by, with commas between.")
@@ -35,9 +36,12 @@ def init(
     """Make certificates, passwords and topic rights for every client of a scenario.
 
     \b
-    FOLDER/ca.crt, ca.key  the authority that signs all certificates; keep ca.key, or delete it
-    FOLDER/broker/         for the broker: its certificate, users with argon2id hashes, rights
-    FOLDER/agent-1/ ...    for one client each: certificate, password, ca.crt; nobody else needs it
+    FOLDER/ca.crt, ca.key  the authority that signs all certificates; keep
+                           ca.key, or delete it
+    FOLDER/broker/         for the broker: its certificate, users with argon2id
+                           hashes, rights
+    FOLDER/agent-1/ ...    for one client each: certificate, password, ca.crt;
+                           nobody else needs it
 
     A robot on another machine gets FOLDER/agent-N/ alone, into a folder of keys there. Private files can be read
     by their owner only. A client's name is its user, its id on the bus and the common name of its certificate.
@@ -46,7 +50,8 @@ def init(
     Example:
       jouleswarm keys init quick --out keys --hosts broker.example,127.0.0.1
       python -m jouleswarm.broker --host 0.0.0.0 --keys keys
-      python -m jouleswarm.agents --broker mqtts://broker.example:8883 --keys keys --id 1 --scenario quick
+      python -m jouleswarm.agents --id 1 --scenario quick --keys keys \\
+          --broker mqtts://broker.example:8883
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.keys import make_keys, refresh_keys

@@ -7,9 +7,21 @@ from typing import Annotated
 
 import typer
 
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.options import SCENARIO_HELP
 
-ScenarioFile = Annotated[Path, typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP)]
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """What a shell offers for a scenario: names of those that come with the package, files and folders."""
+    from jouleswarm.common.scenario.reading import scenario_names
+
+    found = [*Path().glob(f"{incomplete}*.toml"), *(each for each in Path().glob(f"{incomplete}*/") if each.is_dir())]
+    files = [f"{each}/" if each.is_dir() else str(each) for each in sorted(found)]
+    return [name for name in scenario_names() if name.startswith(incomplete)] + files
+
+
+SCENARIO = typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP, autocompletion=complete_scenario)
+ScenarioFile = Annotated[Path, SCENARIO]
 Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
 RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
@@ -65,6 +77,12 @@ Resume = Annotated[
 Restarts = Annotated[
     int, typer.Option(min=0, help="How often each process that was killed is started again, to the same end.")
 ]
+MetricsPort = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=65535, envvar="JOULESWARM_METRICS_PORT", help="Serve Prometheus metrics of the run; 0: a free port."
+    ),
+]
 Durable = Annotated[
     bool,
     typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
@@ -79,6 +97,20 @@ KeepState = Annotated[
     bool,
     typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
 ]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser too, on this machine alone; stays until Ctrl-C.")
+]
+
+
+def must_exist(what: str, *paths: Path) -> None:
+    """Before anything heavy is loaded: a misspelt name is told at once.
+
+    Raises:
+        ConfigurationError: a path is not there.
+    """
+    for path in paths:
+        if not path.exists():
+            raise ConfigurationError(f"{what} {path}: cannot be read (No such file or directory)")
 
 
 def overrides(set_: list[str] | None, seed: int | None) -> list[str]:

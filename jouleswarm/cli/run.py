@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import (
+    SCENARIO,
     Details,
     Dry,
     Durable,
@@ -17,6 +19,7 @@ from jouleswarm.cli.options import (
     Figures,
     KeepState,
     Measured,
+    MetricsPort,
     NoFigures,
     Out,
     Restarts,
@@ -25,10 +28,14 @@ from jouleswarm.cli.options import (
     RunId,
     ScenarioFile,
     Seed,
+    ShowPage,
     overrides,
 )
 from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
-from jouleswarm.common.options import SCENARIO_HELP, BrokerOption, KeysOption, OtherProcessorOption, SetOption
+from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
+
+if TYPE_CHECKING:
+    from jouleswarm.fleet.recording import Viewing
 
 
 def _present(path: Path, figures: Sequence[str], details: bool) -> None:
@@ -39,11 +46,18 @@ def _present(path: Path, figures: Sequence[str], details: bool) -> None:
         print_bill(path, details=details, html=bool(figures), figures=figures)
 
 
+def _viewing(metrics_port: int | None) -> Viewing:
+    from jouleswarm.report.view import View
+
+    if metrics_port is None:
+        return View
+    from jouleswarm.fleet.metrics import with_metrics
+
+    return with_metrics(metrics_port, View)
+
+
 def run(
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(envvar="JOULESWARM_SCENARIO", help=SCENARIO_HELP),
-    ] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
     set_: SetOption = None,
     energy: EnergyFile = None,
@@ -63,7 +77,9 @@ def run(
     dry: Dry = False,
     rounds: Rounds = None,
     keep_state: KeepState = False,
+    metrics_port: MetricsPort = None,
     details: Details = False,
+    page: ShowPage = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -73,10 +89,10 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
-    from jouleswarm.report.view import View
+    from jouleswarm.page.beside import page_beside
 
     kinds = () if no_figures else figure_kinds(figures)
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=View)
+    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -89,15 +105,14 @@ def run(
         if seed is not None or run_id is not None or energy is not None or measure:
             raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
         more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), kinds, details)
+        with page_beside(resume, wanted=page):
+            _present(resume_deployment(resume, Console(), started, more), kinds, details)
         return
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = load_scenario(scenario, changes)
-    _present(
-        run_deployment(settings, run_id or new_run_id(settings), out, Console(), started),
-        kinds,
-        details,
-    )
+    name = run_id or new_run_id(settings)
+    with page_beside(out / name, wanted=page):
+        _present(run_deployment(settings, name, out, Console(), started), kinds, details)
 
 
 def validate(
@@ -106,15 +121,20 @@ def validate(
     set_: SetOption = None,
     energy: EnergyFile = None,
     rounds: Rounds = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Check a scenario and all that it names, and print what a run of it will cost; as `run --dry`."""
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
-    from jouleswarm.fleet.trial import try_out
-    from jouleswarm.report.foretold import print_foretold
 
     settings = load_scenario(scenario, [*energy_file(energy), *overrides(set_, seed)])
+    from jouleswarm.fleet.trial import try_out
+    from jouleswarm.report.foretold import foretold_document, print_foretold
+
     try_out(settings)
-    print_foretold(settings, rounds)
+    if as_json:
+        print_document(foretold_document(settings, rounds))
+    else:
+        print_foretold(settings, rounds)
 
 
 def record(
@@ -130,6 +150,7 @@ def record(
     ] = None,
     figures: Figures = DEFAULT,
     no_figures: NoFigures = False,
+    metrics_port: MetricsPort = None,
     details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -139,9 +160,7 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
-    from jouleswarm.report.view import View
 
-    kinds = () if no_figures else figure_kinds(figures)
-    settings = load_scenario(scenario, overrides(set_, seed))
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, View)
+    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
+    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
     _present(path, kinds, details)

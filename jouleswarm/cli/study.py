@@ -68,6 +68,9 @@ def tables(
 
     With energy.datacenter_g_per_kwh and energy.robots_g_per_kwh the tables have gCO2e beside joules.
     """
+    from jouleswarm.studies.record import read_record
+
+    read_record(results_directory)  # before anything heavy is loaded
     from jouleswarm.studies.run import make_tables, reprice
 
     kinds = figure_kinds(figures)
@@ -103,6 +106,9 @@ def savazzi2021(
     """Centralized learning, FL by a server and consensus FL over link efficiencies and countries, after Savazzi et al.
     2021 (arXiv 2103.10346): where each wins. Nothing is run.
     """
+    from jouleswarm.studies.record import read_record
+
+    read_record(facts)  # before anything heavy is loaded
     from jouleswarm.studies.savazzi2021 import make_study
 
     _list(make_study(facts, set_ or [], results))

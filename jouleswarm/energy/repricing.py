@@ -96,15 +96,30 @@ def reprice(scenario: Scenario, changes: Iterable[Override], where: str) -> tupl
         ConfigurationError: a change of something else, or to what a scenario may not have there.
     """
     held = list(changes)
-    keys = [(each if isinstance(each, str) else each[0]).partition("=")[0].strip() for each in held]
-    for each, key in zip(held, keys, strict=True):
-        if not key.startswith("energy."):
-            raise ConfigurationError(f"--set {each}: expected energy.KEY=VALUE; anything else needs another run")
-    fields = list(dict.fromkeys(key.removeprefix("energy.") for key in keys))
+    fields = changed_fields(held)
     folder = Path.cwd() if {"prices", "links", "carbon_by_hour"} & {*fields} else None
     other = with_prices(scenario, held, where, folder)
-    words = "".join(f"-{_word(field, _at(other.energy, field))}" for field in fields)
-    return other, "" if other.energy == scenario.energy else words
+    return other, "" if other.energy == scenario.energy else words_of(other.energy, fields)
+
+
+def changed_fields(changes: Iterable[Override]) -> list[str]:
+    """Which constants of the section energy are changed.
+
+    Raises:
+        ConfigurationError: a change of something else.
+    """
+    fields = []
+    for each in changes:
+        key = (each if isinstance(each, str) else each[0]).partition("=")[0].strip()
+        if not key.startswith("energy."):
+            raise ConfigurationError(f"--set {each}: expected energy.KEY=VALUE; anything else needs another run")
+        fields.append(key.removeprefix("energy."))
+    return list(dict.fromkeys(fields))
+
+
+def words_of(energy: Energy, fields: Iterable[str]) -> str:
+    """What changed constants put into file names."""
+    return "".join(f"-{_word(field, _at(energy, field))}" for field in fields)
 
 
 def _checked(name: str, value: float | Literal["measured"]) -> float | Literal["measured"]:

@@ -47,6 +47,8 @@ COUNTS = {
 """What was counted; it comes before what is worked out. Counts of several rows add up."""
 MEASURED = ("seconds", "cpu_s", "joules")
 """What was measured beside it, by `activity`, joules with `how`: told, and never in a bill."""
+BESIDE = ("uplink_array_bytes", "downlink_array_bytes")
+"""Of the bytes those of arrays alone: told, and never in a bill."""
 _WHOLE = ("robots", "links", "training_robots")
 _MAY_BE_NOTHING = ("rounds", "links", "t0", *MEASURED)
 _OF_STAGE = ("training_robots", "experience_bytes", "support_batches", "query_batches")
@@ -99,7 +101,7 @@ class Row(Section):
     @field_validator("what")
     @classmethod
     def _is_known(cls, what: str) -> str:
-        if what not in (*SETTINGS, *COUNTS, *MEASURED):
+        if what not in (*SETTINGS, *COUNTS, *MEASURED, *BESIDE):
             close = difflib.get_close_matches(what, [*SETTINGS, *COUNTS], 1)
             hint = f"did you mean {close[0]}?" if close else f"expected one of {', '.join((*SETTINGS, *COUNTS))}"
             raise ValueError(hint)

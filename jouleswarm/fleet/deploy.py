@@ -7,7 +7,8 @@ import resource
 import secrets
 import shutil
 import subprocess
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,8 @@ from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
-from jouleswarm.runs.files import other_version, read_manifest
+from jouleswarm.runs.events import Event, note_event
+from jouleswarm.runs.files import other_version, run_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
@@ -96,14 +98,11 @@ def resume_deployment(
     Raises:
         ConfigurationError: it is complete, not the directory of such a run, lacks the state of a process, or somebody
             is at work on it.
-        RunError: something of it is not as it was written; nothing has been started.
+        RunError: something of it is not as it was written, or another version wrote it; nothing has been started.
     """
-    held = path / MANIFEST
-    if not held.exists():
-        raise ConfigurationError(f"run directory {path}: has no {MANIFEST}; name one that `jouleswarm run` printed")
-    manifest = read_manifest(path)
+    manifest, held = run_manifest(path), path / MANIFEST
     if other := other_version(manifest):
-        raise ConfigurationError(f"run {path}: {other}; go on with the version that began it")
+        raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
     with Lock(path, "jouleswarm run --resume"):
@@ -177,7 +176,7 @@ def _deploy(
     with ExitStack() as stack:
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
-        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        told = partial(_tell, console, directory.path)
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
@@ -187,7 +186,7 @@ def _deploy(
             )
         )
         if scenario.measure.energy:
-            told(how_measured(scenario.measure))
+            console.print(how_measured(scenario.measure), highlight=False, markup=False, soft_wrap=True)
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
@@ -210,6 +209,13 @@ def _deploy(
         watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
     if not keeps_ends:
         shutil.rmtree(state)
+
+
+def _tell(console: Console, run: Path, line: str) -> None:
+    """What happened, to who looks on now and to who looks later."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
+    with suppress(OSError):  # nobody's bill is of it: no reason to end a run
+        note_event(run, Event(time_s=round(time.time(), 3), text=line))
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:

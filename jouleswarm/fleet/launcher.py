@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.fleet.endings import ending, signal_of
 from jouleswarm.fleet.forked import Forked, ForkServer
 from jouleswarm.fleet.forkserver import Order
@@ -75,14 +75,17 @@ class Launcher:
                 self._broker.kill()
                 self._broker.wait()
 
-    def start_broker(self, arguments: Sequence[str] = ()) -> dict[str, str]:
-        """Start the embedded broker on a free port of this machine; returns its URLs.
+    def start_broker(self, arguments: Sequence[str] = (), port: int = 0) -> dict[str, str]:
+        """Start the embedded broker, on a free port (0), with metrics on a free one unless arguments name another.
+
+        Returns its URLs.
 
         Raises:
+            ConfigurationError: it can't be started so.
             RunError: it ended before it listened.
         """
-        command = [*command_of("jouleswarm.broker"), "--exit-with-stdin", *arguments]
-        ready = self._run_broker([*command, "--port", "0", "--metrics-port", "0"])
+        command = [*command_of("jouleswarm.broker"), "--exit-with-stdin", "--metrics-port", "0", *arguments]
+        ready = self._run_broker([*command, "--port", str(port)])
         ports = {"--port": ready["url"], "--metrics-port": (ready["metrics"] or ":0").removesuffix("/metrics")}
         # The next one, if there must be one, is where this one was.
         self._broker_command = [*command, *(part for key, url in ports.items() for part in (key, url.split(":")[-1]))]
@@ -98,7 +101,9 @@ class Launcher:
             raise RunError(f"the broker did not listen within {_BROKER_START_S:g} s; see {self._log('broker')}")
         line = self._broker.stdout.readline()
         if not line:
-            raise RunError(ending("the broker", self._broker.wait(), self._log("broker")))
+            code = self._broker.wait()
+            error = ConfigurationError if code == ConfigurationError.exit_code else RunError
+            raise error(ending("the broker", code, self._log("broker")))
         ready: dict[str, str] = json.loads(line)
         return ready
 

@@ -15,7 +15,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.runs.directory import MANIFEST, STATE, SUMMARY, RunDirectory
-from jouleswarm.runs.files import read_manifest
+from jouleswarm.runs.files import run_manifest
 
 _LIMITS = ("max_rounds", "target_reward")
 _HELP = "expected higher federation.max_rounds or target_reward"
@@ -54,7 +54,7 @@ def with_more_rounds(path: Path, settings: Sequence[str]) -> MoreRounds:
         ConfigurationError: it is not complete or does not keep how its arms ended, or the settings change something
             else, or nothing, or ask for less.
     """
-    read_manifest(path)
+    run_manifest(path)
     scenario = load_scenario(path / MANIFEST)
     try:
         status = json.loads((path / SUMMARY).read_text(encoding="utf-8"))["status"]

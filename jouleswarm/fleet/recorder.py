@@ -19,11 +19,13 @@ from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_js
 from jouleswarm.common.wire.names import client_of, clients_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
+from jouleswarm.energy.facts import Counts
 from jouleswarm.fleet.admission import check_report, check_row, learned_name, snapshot_name
 from jouleswarm.fleet.attendance import Attendance
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
 from jouleswarm.runs.directory import RunDirectory
+from jouleswarm.runs.facts import gradient_counts
 from jouleswarm.runs.summary import summarise
 from jouleswarm.runs.traffic import DATA_CENTER
 
@@ -66,6 +68,8 @@ class Recorder:
             topics.presence(run, "+", "+"),
         ]
         self.newest: dict[tuple[str, int, int], RoundRow] = {}
+        self.gradients: dict[str, Counts] = {}
+        """By arm: batch gradients that have been told of since the recorder began to listen."""
         self._broker = BrokerCounters(self._listener, run, scenario.bus)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
@@ -234,6 +238,8 @@ class Recorder:
         row = telemetry.row
         check_row(row, client, self._scenario)
         self._directory.round(row, time.time())
+        if (before := self.newest.get((row.arm, row.task, row.agent))) is None or row.round > before.round:
+            self.gradients[row.arm] = self.gradients.get(row.arm, Counts()) + gradient_counts([row])
         self.newest[row.arm, row.task, row.agent] = row
         self._received[client] = telemetry.received
         self._attendance.is_back(client)

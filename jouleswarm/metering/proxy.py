@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import cast
 
 from jouleswarm.common.bus.address import BrokerAddress
-from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.metering.stream import Connection, Stream
-from jouleswarm.metering.tally import Tally
 
 log = logging.getLogger("jouleswarm.metering")
 
@@ -172,14 +172,14 @@ class Proxy:
         """Pass connections on until the end; gives the port.
 
         Raises:
-            RunError: it can't be listened on.
+            ConfigurationError: it can't be listened on.
         """
         _allow_files()
         try:
             loop = asyncio.get_running_loop()
             server = await loop.create_server(lambda: _Client(self), host, port, ssl=self.tls, backlog=1024)
         except OSError as error:
-            raise RunError(f"cannot listen on {host or ''}:{port}: {error.strerror or error}") from error
+            raise ConfigurationError(f"cannot listen on {host or ''}:{port}: {error.strerror or error}") from error
         try:
             yield int(server.sockets[0].getsockname()[1])
         finally:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from jouleswarm.common.meter.tally import Direction, Kind, Tally
 from jouleswarm.metering.packets import CONNACK, CONNECT, PUBLISH, Packet, read_packet
-from jouleswarm.metering.tally import Direction, Kind, Tally
 
 _MOST_ALIAS_BYTES = 1024 * 1024
 

@@ -1,35 +1,24 @@
-"""What a meter leaves: every row as JSON, and counts that `jouleswarm bill` prices."""
+"""What was metered as rows that `jouleswarm bill` prices. Pure."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from jouleswarm.common.disk.files import write_whole
-from jouleswarm.common.errors import RunError
-from jouleswarm.common.wire.rules import Rule, read_rules
+from jouleswarm.common.meter.tally import Row
+from jouleswarm.common.wire.rules import Rule
 from jouleswarm.common.wire.topics import Link
-from jouleswarm.metering.tally import Row
+from jouleswarm.energy.named import CENTER
+from jouleswarm.energy.named import numbers_of as numbers_by_name
 
-METER, BILL, RULES = "meter.jsonl", "bill.csv", "links.toml"
-_COLUMNS = ("arm", "phase", "robot", "to", "what", "value")
+_BYTES = ("arm", "phase", "robot", "to", "what", "value")
+_COLUMNS = ("arm", "phase", "task", "robot", "to", "what", "value", "activity", "round", "how")
 _MOST_ARM = 100  # characters that the calculator takes
 _Cells = tuple[str, str, int | str, int | str, str]
-
-
-def write_rows(folder: Path, rows: Sequence[Row], rules: Sequence[Rule]) -> None:
-    """Both files, each whole or not at all.
-
-    Raises:
-        RunError: they can't be written.
-    """
-    lines = "".join(json.dumps(vars(row)) + "\n" for row in rows)  # asdict copies deeply, ten times as long
-    write_whole(folder / METER, lines.encode())
-    write_whole(folder / BILL, bill_csv(rows, rules).encode())
+Told = Mapping[str, Any]
+"""A row of what clients tell of themselves, with the columns of `jouleswarm bill` and robots by name."""
 
 
 def unmatched(rows: Iterable[Row], rules: Sequence[Rule]) -> list[Rule]:
@@ -38,58 +27,77 @@ def unmatched(rows: Iterable[Row], rules: Sequence[Rule]) -> list[Rule]:
     return [rule for number, rule in enumerate(rules, 1) if number not in seen]
 
 
-def read_metered(folder: Path) -> tuple[list[Row], list[Rule]]:
-    """What a meter has written, or writes still.
-
-    Raises:
-        RunError: there is nothing, or it is not as it was written.
-    """
-    try:
-        lines = (folder / METER).read_text(encoding="utf-8").splitlines()
-        return [Row(**json.loads(line)) for line in lines], read_rules(folder / RULES)
-    except (OSError, ValueError, TypeError) as error:
-        raise RunError(
-            f"{folder / METER}: cannot be read ({error}), expected what `jouleswarm meter` writes"
-        ) from error
+def numbers_of(rows: Iterable[Row], told: Iterable[Told] = ()) -> dict[str, int]:
+    """The number that each client goes by in a bill, as a robot (see `energy.named`)."""
+    names = {name for row in rows if _is_priced(row) for name in _ends(row) if name}
+    return numbers_by_name(names | {str(each["robot"]) for each in told if each.get("robot")} - {CENTER})
 
 
-def numbers_of(rows: Iterable[Row]) -> dict[str, int]:
-    """The number that each client goes by in a bill, as a robot."""
-    names = sorted({name for row in rows if _is_priced(row) for name in _ends(row) if name})
-    return {name: number for number, name in enumerate(names, 1)}
+def delivered_of(rows: Iterable[Row]) -> set[int]:
+    """Numbers of the rules whose messages arrived somewhere."""
+    return {row.number for row in rows if _is_priced(row) and row.direction == "out"}
 
 
-def bill_rows(rows: Sequence[Row], rules: Sequence[Rule], numbers: Mapping[str, int]) -> list[dict[str, Any]]:
+def bill_rows(
+    rows: Iterable[Row], rules: Sequence[Rule], numbers: Mapping[str, int], delivered: Collection[int] | None = None
+) -> list[dict[str, Any]]:
     """Rows for `jouleswarm bill`: payload bytes and messages by link, and who sent or received them.
 
     An uplink costs what is sent, a downlink what arrives, at each who receives; a sidelink what arrives, and beside it
     what is sent once. Of a rule with `receiver`, which only what arrives can match, that counts.
+
+    Args:
+        rows: all, or some, to be priced by themselves.
+        rules: that they are of.
+        numbers: of all clients.
+        delivered: of all rows (`delivered_of`), where these are some.
     """
     priced = [row for row in rows if _is_priced(row)]
     sums: dict[_Cells, int] = {}
-    delivered = {row.number for row in priced if row.direction == "out"}
+    delivered = delivered_of(priced) if delivered is None else delivered
     for row in priced:
-        is_sent = row.link == Link.UPLINK and not rules[row.number - 1].priced.receiver
+        is_sent = row.link == Link.UPLINK and not _has_receiver(row, rules)
         sender, receiver = (numbers.get(name, "") for name in _ends(row))
         robot = receiver if row.link == Link.DOWNLINK else sender
         to = receiver if row.link == Link.SIDELINK and sender else ""
         for what, value in _counts(row, is_sent, row.number in delivered):
             cells = " ".join(row.labels.get("arm", "").split())[:_MOST_ARM], row.phase, robot, to, f"{row.link}_{what}"
             sums[cells] = sums.get(cells, 0) + value
-    found = (dict(zip(_COLUMNS, (*cells, value), strict=True)) for cells, value in sorted(sums.items(), key=str))
+    found = (dict(zip(_BYTES, (*cells, value), strict=True)) for cells, value in sorted(sums.items(), key=str))
     return [{column: cell for column, cell in cells.items() if cell != ""} for cells in found]
 
 
-def bill_csv(rows: Sequence[Row], rules: Sequence[Rule]) -> str:
+def told_rows(told: Iterable[Told], numbers: Mapping[str, int]) -> list[dict[str, Any]]:
+    """What clients have told for a bill: all but bytes and messages, which have been metered."""
+    return [
+        {
+            column: numbers.get(str(each[column]), each[column]) if column == "robot" else each[column]
+            for column in _COLUMNS
+            if each.get(column) not in (None, "")
+        }
+        for each in told
+        if not str(each["what"]).endswith(("_bytes", "_messages"))
+    ]
+
+
+def bill_csv(rows: Sequence[Row], rules: Sequence[Rule], told: Sequence[Told] = ()) -> str:
     """The same as a file, which says who is which robot."""
-    numbers, file = numbers_of(rows), io.StringIO()
+    numbers, file = numbers_of(rows, told), io.StringIO()
     file.write("# Payload bytes and messages as they were metered. Price them: jouleswarm bill bill.csv\n")
-    for name, number in numbers.items():
+    for name, number in sorted(numbers.items(), key=lambda each: each[1]):
         file.write(f"# robot {number} is {name!r}\n")
-    writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
+    found = [*bill_rows(rows, rules, numbers), *told_rows(told, numbers)]
+    used = [column for column in _COLUMNS if column in _BYTES or any(column in row for row in found)]
+    writer = csv.DictWriter(file, used, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(bill_rows(rows, rules, numbers))
+    writer.writerows(found)
     return file.getvalue()
+
+
+def _has_receiver(row: Row, rules: Sequence[Rule]) -> bool:
+    """Of its rule, unless that is no more: rules may have been read anew since its window."""
+    rule = rules[row.number - 1] if row.number <= len(rules) else None
+    return rule is not None and rule.text == row.rule and rule.priced.receiver is not None
 
 
 def _is_priced(row: Row) -> bool:

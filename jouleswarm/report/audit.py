@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from typing import Any
+
 from rich.console import Console
 
 from jouleswarm.report.audit_rows import EFFICIENT_SIDELINK, EFFICIENT_UPLINK, audit_rows, implied_bill, literal_bill
@@ -16,10 +19,36 @@ _LEGEND = (
 
 
 def print_audit(console: Console | None = None) -> None:
-    """Print `audit_rows`, then Table II with its sums and what its rows cost."""
+    """Print how it ends, `audit_rows`, then Table II with its sums and what its rows cost."""
     console = console or Console()
+    console.print(headline(), style="bold", highlight=False)
     console.print(terminal(_claims(), wrap=True))
     show(_table_ii(), console)
+
+
+def headline() -> str:
+    """How many of the published figures follow from the paper's own equations and tables, in one line."""
+    rows = audit_rows()
+    good = sum(row.consistent for row in rows)
+    return (
+        f"{good} of {len(rows)} published figures follow from the paper's own equations and tables, "
+        f"{len(rows) - good} do not."
+    )
+
+
+def audit_document() -> dict[str, Any]:
+    """The same as plain data."""
+    rows = audit_rows()
+    told = [
+        {
+            **asdict(row),
+            "follows": row.consistent,
+            "agrees": {name: row.agrees(each) for name, each in row.given.items()},
+        }
+        for row in rows
+    ]
+    follow = sum(row.consistent for row in rows)
+    return {"figures": len(rows), "follow": follow, "do_not_follow": len(rows) - follow, "rows": told}
 
 
 def _claims() -> Table:

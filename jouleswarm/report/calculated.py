@@ -11,7 +11,8 @@ from typing import Any
 
 from rich.console import Console
 
-from jouleswarm.common.scenario.reading import Override
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.scenario.reading import Override, energy_file
 from jouleswarm.common.scenario.tariff import Tariff, read_tariff
 from jouleswarm.energy.bill import SITES, Bill, cause_parts, causes_of, parts, site_parts
 from jouleswarm.energy.breakeven import savings, tasks_to_pay
@@ -21,7 +22,8 @@ from jouleswarm.energy.facts import STAGE, Counts, Facts
 from jouleswarm.energy.metered import Measured, measured
 from jouleswarm.energy.prices import PriceList, price, price_lists, with_beta
 from jouleswarm.energy.published import published
-from jouleswarm.energy.rows import read_rows
+from jouleswarm.energy.rows import Row, read_rows
+from jouleswarm.metering.metered import is_metered, load_metered
 from jouleswarm.report.format import grams_text, joules_text
 from jouleswarm.report.table import Cell, Table, show
 from jouleswarm.report.times import times_tables
@@ -60,13 +62,27 @@ class Calculated:
 
 
 def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Override] = ()) -> Calculated:
-    """Price rows (see `energy.rows.read_rows`) at the constants of a file, or else at the paper's, with changes.
+    """Price rows (see `energy.rows.read_rows`) at the constants of a file, or else at the paper's, with changes; a
+    meter's run directory at its own.
 
     Raises:
         ConfigurationError: one line that says what is wrong and where.
     """
+    if isinstance(counts, str | Path) and is_metered(Path(counts)):
+        metered = load_metered(Path(counts))
+        if not metered.bill_rows:
+            raise ConfigurationError(f"{counts}: nothing has passed the meter that a rule prices")
+        return calculated(metered.bill_rows, metered.priced([*energy_file(energy), *changes])[0])
     rows = read_rows(counts)
-    tariff = read_tariff(energy, changes, robots_of(rows))
+    return calculated(rows, read_tariff(energy, changes, robots_of(rows)))
+
+
+def calculated(rows: Sequence[Row], tariff: Tariff) -> Calculated:
+    """The same of rows that have been read, at prices that have been read.
+
+    Raises:
+        ConfigurationError: one line that says what is wrong and where.
+    """
     facts = facts_of(rows, by_robot=tariff.is_by_robot)
     bills = {each: {arm: price(each, one, tariff.energy) for arm, one in facts.items()} for each in price_lists(tariff)}
     told = {each: held for each, held in bills.items() if any(held.values())}
@@ -76,15 +92,20 @@ def calculate(counts: Any, energy: Path | None = None, changes: Iterable[Overrid
 def print_calculated(found: Calculated, console: Console | None = None) -> None:
     """Tables of each list, with intervals where constants are ranges, and break-even."""
     console = console or Console()
-    plain = next((arm for arm, facts in found.facts.items() if facts.counts.ml == Counts()), next(iter(found.facts)))
-    names, energy = {arm: arm for arm in found.facts}, found.tariff.energy
-    lists = [each for each in found.bills if each != published]  # which follows none of the constants
-    ranges = [table for each in lists for table in ranges_tables(found.facts, names, energy, each, plain)]
-    for table in (*_tables(found), *ranges):
+    for table in calculated_tables(found):
         show(table, console)
     for prices, arm, other, tasks in found.break_even_tasks:
         told = "never pays" if math.isinf(tasks) else f"pays with more than {tasks:.4g} tasks"
         console.print(f"{arm} against {other}: {told} ({prices.label})", style="bold", highlight=False)
+
+
+def calculated_tables(found: Calculated) -> list[Table]:
+    """Of each list, with intervals where constants are ranges."""
+    plain = next((arm for arm, facts in found.facts.items() if facts.counts.ml == Counts()), next(iter(found.facts)))
+    names, energy = {arm: arm for arm in found.facts}, found.tariff.energy
+    lists = [each for each in found.bills if each != published]  # which follows none of the constants
+    ranges = [table for each in lists for table in ranges_tables(found.facts, names, energy, each, plain)]
+    return [*_tables(found), *ranges]
 
 
 def document(found: Calculated) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from typing import Any
+
 from rich.console import Console
 
 from jouleswarm.common.scenario.scenario import Scenario
@@ -42,6 +45,25 @@ def print_foretold(scenario: Scenario, rounds: int | None = None, console: Conso
     ]
     for line in lines:
         console.print(line, highlight=False, soft_wrap=True)
+
+
+def foretold_document(scenario: Scenario, rounds: int | None = None) -> dict[str, Any]:
+    """The same as plain data: joules by price list, bytes, seconds."""
+    speed, wholes = measure_speed(scenario), []
+    for each in _rounds(scenario, rounds):
+        for arm in scenario.arms:
+            facts = foretold_facts(scenario, arm, arm.t0, each)
+            bills = {prices.name: price(prices, facts, scenario.energy) for prices in price_lists(scenario)}
+            counts: Counts = facts.counts.ml + facts.counts.fl
+            joules = {name: bill and bill.total_j for name, bill in bills.items()}
+            wholes.append({"arm": arm.name, "rounds": each, "counts": asdict(counts), "joules": joules})
+    return {
+        "scenario": scenario.name,
+        "a_round": [line._asdict() for line in round_lines(scenario)],
+        "whole": wholes,
+        "bytes": room_of(scenario)._asdict(),
+        "seconds_here": {str(each): estimated_s(scenario, speed, each) for each in _rounds(scenario, rounds)},
+    }
 
 
 def _rounds(scenario: Scenario, rounds: int | None) -> list[int]:

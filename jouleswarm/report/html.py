@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.answer import Said, answer, said
@@ -57,7 +58,7 @@ def page(run: Run, energy: Energy) -> str:
         for figure, svg in inline_svgs(run, energy).items()
     )
     body = [
-        _paragraphs(warnings(run), "verdict"),
+        paragraphs(warnings(run), "verdict"),
         answer_html(said(run, energy, found)),
         html_text(arms_table(run, energy, found)),
         f'<p class="soft">{name}: {html.escape(headline(run, energy))}</p>',
@@ -66,15 +67,26 @@ def page(run: Run, energy: Energy) -> str:
         *map(html_text, why_tables(run, energy)),
         *(html_text(energy_table(run, arm, energy)) for arm in run.scenario.arm_names),
         "<h2>Notes</h2>",
-        _paragraphs(notes(run, energy), "soft"),
-        "<h2>Manifest</h2><details><summary>Scenario, versions and host</summary>",
-        f"<pre>{html.escape(json.dumps(run.manifest, indent=2))}</pre></details>",
+        paragraphs(notes(run, energy), "soft"),
+        manifest_text(run.manifest, "Scenario, versions and host"),
     ]
+    return document(run.name, body)
+
+
+def document(title: str, body: Iterable[str]) -> str:
+    """A page of parts that are HTML."""
+    name = html.escape(title)
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{name}</title>'
     return (
         f'<!doctype html><html lang="en"><head>{head}<style>{_STYLE}</style></head>'
         f"<body><main>{''.join(body)}</main></body></html>\n"
     )
+
+
+def manifest_text(manifest: Mapping[str, Any], what: str) -> str:
+    """A section to be opened, with all of it."""
+    text = html.escape(json.dumps(manifest, indent=2))
+    return f"<h2>Manifest</h2><details><summary>{what}</summary><pre>{text}</pre></details>"
 
 
 def answer_html(told: Said) -> str:
@@ -84,6 +96,7 @@ def answer_html(told: Said) -> str:
     return f'<section class="answer">{changed}<h1>{html.escape(told.title)}</h1><dl>{lines}</dl></section>'
 
 
-def _paragraphs(lines: Sequence[str], name: str) -> str:
+def paragraphs(lines: Sequence[str], name: str) -> str:
+    """A line each; `name` is how they look."""
     inside = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
     return f'<div class="{name}">{inside}</div>' if lines else ""

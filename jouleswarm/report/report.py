@@ -12,15 +12,18 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.disk.trouble import full_disk_is_told
-from jouleswarm.common.errors import RunError, usable
+from jouleswarm.common.errors import ConfigurationError, RunError, usable
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.reading import Override
-from jouleswarm.energy.repricing import Prices, reprice
+from jouleswarm.energy.repricing import Prices
+from jouleswarm.metering.metered import Metered
 from jouleswarm.report.answer import answer, said
 from jouleswarm.report.budget import budget_table
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.html import write_html
+from jouleswarm.report.metered_report import report_metered
 from jouleswarm.report.notes import headline, notes, warnings
+from jouleswarm.report.opened import load
 from jouleswarm.report.outside import Meters, outside_table
 from jouleswarm.report.screen import show_answer, show_next
 from jouleswarm.report.table import Table, show
@@ -28,7 +31,7 @@ from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
 from jouleswarm.runs.answer import Answer
 from jouleswarm.runs.curves import curves
-from jouleswarm.runs.run import Run, load_run
+from jouleswarm.runs.run import Run
 
 _DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
 
@@ -61,8 +64,13 @@ def report(
         ConfigurationError: no such directory, a price that is no price, or a power log that is none of this run's.
         RunError: the directory is not a run's, or damaged; or its counters contradict each other (all is written).
     """
-    own = load_run(run_dir)
-    priced, suffix = reprice(own.scenario, [*(prices or Prices()).changes, *changes], str(run_dir))
+    own = load(run_dir)
+    changes = [*(prices or Prices()).changes, *changes]
+    if isinstance(own, Metered):
+        if budget is not None or why or meters is not None:
+            raise ConfigurationError(f"{run_dir}: of what a meter counted: no --budget, --why or --meter")
+        return report_metered(own, changes, html_too=html, console=console)
+    priced, suffix = own.priced(changes)
     run, energy = own.at(priced), priced.energy
     more = why_tables(run, energy) if why else []
     if budget is not None:

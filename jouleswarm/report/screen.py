@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import ROUNDED
@@ -86,21 +86,24 @@ def arms_table(run: Run, energy: Energy, found: Answer) -> Table:
 def show_next(run: Run, written: Sequence[Path], console: Console) -> None:
     """Print where the files are, and what may be typed next; lines that can be pasted, however wide the terminal is."""
     page = next((path for path in written if path.suffix == ".html"), None)
-    lines = [f"run directory: {run.path}", *([f"open in a browser: {page}"] if page else [])]
-    lines += [f"{what}: {command}" for what, command in commands(run)]
+    told = commands(run)
+    if FETCH in os.environ:  # of a container: its files lie in a folder of the same name once they are fetched
+        told = [("fetch its files", os.environ[FETCH]), *told]
+    folder = Path(str(run.path).removeprefix("/")) if FETCH in os.environ else run.path
+    lines = [f"run directory: {folder}", *([f"open in a browser: {folder / page.name}"] if page else [])]
+    lines += [f"{what}: {command}" for what, command in told]
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def commands(run: Run) -> Iterator[tuple[str, str]]:
+def commands(run: Run) -> list[tuple[str, str]]:
     """(what for, what to type) next; each can be pasted as it is."""
-    if fetch := os.environ.get(FETCH):
-        yield "fetch its files", fetch
     program, folder = executable(), shlex.quote(str(run.path))
+    report = f"{program} report {folder}"
+    told = [("all tables", f"{report} --details"), ("other prices", f"{report} --ul 500 --sl 200")]
     if run.status != "complete" and (run.path / STATE).is_dir():
-        yield "go on with it", f"{program} run --resume {folder}"
-    yield "all tables", f"{program} report {folder} --details"
-    yield "other prices", f"{program} report {folder} --ul 500 --sl 200"
+        told.insert(0, ("go on with it", f"{program} run --resume {folder}"))
+    return told
 
 
 def _learned(spent: Spent) -> str:

@@ -60,7 +60,7 @@ def meta_counts(
     behind = [row for row in stage if row.round <= (snapshot_of(arm) or row.round)]
     wasted = lost_counts((row for row in lost if (row.phase, row.arm) == (RowPhase.ML, method)), part / whole)
     return (
-        _gradients(behind)
+        gradient_counts(behind)
         + wasted
         + Counts(
             uplink_bytes=uplink_bytes * part / whole,
@@ -94,7 +94,7 @@ def task_counts(
     moved = {link: getattr(traffic(meter_rows, arm, link, task, phase=RowPhase.FL), measure) for link in links}
     wasted = lost_counts(row for row in lost if (row.phase, row.arm) == (RowPhase.FL, arm) and task in (None, row.task))
     return (
-        _gradients(mine)
+        gradient_counts(mine)
         + wasted
         + Counts(
             uplink_bytes=moved[Link.UPLINK],
@@ -129,7 +129,8 @@ def zero_shot_share(results: Sequence[TaskResult]) -> float:
     return fmean(result.learned and not result.rounds for result in results)
 
 
-def _gradients(rows: Iterable[RoundRow]) -> Counts:
+def gradient_counts(rows: Iterable[RoundRow]) -> Counts:
+    """Batch gradients by where they were computed."""
     rows = list(rows)
     center = [row for row in rows if row.agent == 0]
     return Counts(

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.scenario.documents import parse_json
 from jouleswarm.runs.directory import MANIFEST, SUMMARY
 from jouleswarm.runs.summary import SCHEMA
@@ -19,21 +19,41 @@ _STATUSES = ("complete", "interrupted", "failed")
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """The manifest of a run directory, of this version's schema.
+    """The manifest of a run directory: of this version's schema, or as it is of a kind that has its own, a meter's.
 
     Raises:
-        RunError: there is none, or it is damaged, or of another schema.
+        ConfigurationError: there is none: this is no run directory.
+        RunError: it is damaged, or of another schema.
     """
     file = path / MANIFEST
     if not file.exists():
-        raise RunError(f"{path} is not a run directory: it has no {MANIFEST}")
+        told = f"has no {MANIFEST}; name one that `jouleswarm run` printed"
+        raise ConfigurationError(f"{path} is not a run directory: {told}")
     manifest = read_json(file)
+    if manifest.get("kind"):  # whose readers know what is in it
+        return manifest
     if manifest.get("schema") != SCHEMA:
         other = other_version(manifest)
         raise RunError(f"{file}: {_other_schema(manifest.get('schema'))}" + (f" ({other})" if other else ""))
     for key, kind in (("run", str), ("scenario", dict)):
         if not isinstance(manifest.get(key), kind):
             raise RunError(f"{file}: damaged, it has no {key!r}")
+    return manifest
+
+
+def run_manifest(path: Path) -> dict[str, Any]:
+    """The same of a run alone.
+
+    Raises:
+        ConfigurationError: it is of another kind.
+        RunError: as `read_manifest`.
+    """
+    manifest = read_manifest(path)
+    if kind := manifest.get("kind"):
+        raise ConfigurationError(
+            f"{path}: what a {kind} has counted, which has no rounds; expected what `jouleswarm run` or `record` wrote "
+            "(`jouleswarm report`, `bill` and `meter watch` take it)"
+        )
     return manifest
 
 

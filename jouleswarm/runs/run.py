@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,18 +15,19 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow, read_joules, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
-from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.reading import Override, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.prices import PriceList, price_lists
+from jouleswarm.energy.repricing import reprice
 from jouleswarm.runs.arm_facts import arm_facts, in_packets
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import JOULES, MANIFEST, METER, PROGRESS, ROUNDS, STATE, SUMMARY, WORK
 from jouleswarm.runs.facts import TaskResult, meta_rounds, task_results
-from jouleswarm.runs.files import other_version, read_lines, read_manifest, read_summary
+from jouleswarm.runs.files import other_version, read_lines, read_summary, run_manifest
 from jouleswarm.runs.lost_work import lost_work
 
 _NOT_OF_PRICES = ("results", "t0", "lost", "misfits", "facts", "kept_facts", "packet_facts")
@@ -112,6 +113,14 @@ class Run:
         vars(other).update({name: held for name, held in vars(self).items() if name in _NOT_OF_PRICES})
         return other
 
+    def priced(self, changes: Iterable[Override] = ()) -> tuple[Scenario, str]:
+        """Its scenario at prices with changes `energy.key=value`, and what these put into file names.
+
+        Raises:
+            ConfigurationError: no such price, or it can't be that.
+        """
+        return reprice(self.scenario, changes, str(self.path))
+
     @cached_property
     def misfits(self) -> tuple[Balance, ...]:
         """Where the final counters of broker and clients contradict each other; those of a run cut short are not
@@ -134,14 +143,14 @@ def load_run(path: str | Path) -> Run:
     """Read a run directory, also of a run that was cut short.
 
     Raises:
-        ConfigurationError: `path` is not a directory.
+        ConfigurationError: `path` is not a run directory.
         RunError: a file that must be there is missing, or one is damaged (a torn last line is not damage), or written
             by another version in a way that this one cannot read.
     """
     path = Path(path)
     if not path.is_dir():
         raise ConfigurationError(f"run {path}: no such directory; name the one that `jouleswarm run` printed")
-    manifest = read_manifest(path)
+    manifest = run_manifest(path)
     try:
         return _load(path, manifest)
     except RunError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from jouleswarm.common.errors import StudyError
+from jouleswarm.common.errors import ConfigurationError, StudyError
 from jouleswarm.energy.facts import Counts
 from jouleswarm.report.table import Table, csv_text
 from jouleswarm.studies.files import number_text, write_atomically
@@ -92,11 +92,15 @@ def read_facts(path: Path) -> list[Fact]:
     """Read facts back.
 
     Raises:
-        StudyError: the file cannot be read, has other columns, or a row that is not a fact.
+        ConfigurationError: there is no such file.
+        StudyError: it is no CSV, has other columns, or a row that is not a fact.
     """
     try:
         rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        told = f"cannot be read ({error.strerror}); name the results folder of a study"
+        raise ConfigurationError(f"{path}: {told}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise StudyError(f"{path}: cannot be read ({error}); expected the facts.csv of a study") from error
     columns = COLUMNS[: max(len(rows[0]), _FIRST)] if rows else COLUMNS
     if not rows or tuple(rows[0]) != columns:

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 StudyName = Literal["paper", "baselines", "sensitivity", "regimes", "similarity", "codecs"]
 
 _HELP = (
-    "The paper's Table II and Figs. 3 and 4: rounds and energy against t0. 15 seeds. --t0: of the break-even map; "
+    "The paper's Table II and its Figs. 3 and 4: rounds and energy against t0. 15 seeds. --t0: of the break-even map; "
     "without it the best one that ran at each point.",
     "All methods side by side: rounds, success, joules by cause, bits. 5 seeds, t0 = 90.",
     "Training tasks, cluster size, topology, batches a round, one at a time. 3 seeds, t0 = 90.",

@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from jouleswarm.common.doors import DOORS
-from jouleswarm.common.errors import StudyError
+from jouleswarm.common.errors import ConfigurationError, StudyError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.studies.files import write_atomically
@@ -54,13 +54,15 @@ def read_record(folder: Path) -> Record:
     """Read `study.json` back.
 
     Raises:
-        StudyError: it is missing or damaged.
+        ConfigurationError: there is none: this is no results folder of a study.
+        StudyError: it is damaged.
     """
     path = folder / RECORD
     try:
         return Record.model_validate_json(path.read_bytes(), context={"folder": folder / DOORS})
     except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({error.strerror}); name a results folder of a study") from error
+        told = f"cannot be read ({error.strerror}); name a results folder of a study"
+        raise ConfigurationError(f"{path}: {told}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(level) for level in first["loc"])

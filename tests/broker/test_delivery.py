@@ -248,13 +248,16 @@ def test_the_broker_tells_the_largest_message_that_it_takes(start_broker, bus, o
     assert BrokerLimits.model_validate_json(bytes(message.payload)).message_bytes == 3 * 1024 * 1024
 
 
-def test_prometheus_has_the_same_counts(broker, bus):
+def test_prometheus_has_the_same_counts(broker, bus, eventually):
     client = bus(broker, "agent-7")
     client.subscribe("jouleswarm/run/#", qos=0)
     client.publish(WEIGHTS, b"12345", qos=0)
     assert client.receive(20) is not None
-    samples = broker.scrape()
     labels = 'arm="maml",client="agent-7",direction="{}",link="sidelink",run="run"'
+    # What is written is counted a moment later.
+    delivered = f"jouleswarm_broker_messages_total{{{labels.format('out')}}}"
+    eventually(lambda: delivered in broker.scrape(), "the delivery counted")
+    samples = broker.scrape()
     for direction in ("in", "out"):
         where = "{" + labels.format(direction) + "}"
         assert samples[f"jouleswarm_broker_messages_total{where}"] == 1

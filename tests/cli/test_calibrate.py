@@ -103,6 +103,6 @@ def test_an_energy_file_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"bad\.toml: not valid TOML"):
         energy_file(tmp_path / "bad.toml")
     (tmp_path / "typo.toml").write_text("[energy]\npk_watts = 3\n")
-    with pytest.raises(ConfigurationError, match=r"energy\.pk_watts: Extra inputs"):
+    with pytest.raises(ConfigurationError, match=r"energy\.pk_watts: no such field; did you mean energy\.pk_w\?"):
         load_scenario("toy", energy_file(tmp_path / "typo.toml"))
     assert energy_file(None) == []

@@ -46,7 +46,7 @@ def test_a_folder_that_has_the_name_stands_in_nobodys_way(elsewhere: Path) -> No
 def test_an_unknown_name_is_told_the_known_ones() -> None:
     with pytest.raises(ConfigurationError) as error:
         load_scenario("tyo")
-    names = "cartpole, frozenlake, hexapod, minigrid, paper, quick, toy"
+    names = "cartpole, frozenlake, hexapod, minigrid, paper, quick, toy; did you mean toy?"
     assert str(error.value) == f"scenario tyo: no file here, expected one or a name: {names}"
 
 

@@ -1,9 +1,11 @@
-"""Topics: what they look like, and what is read from them."""
+"""Topics: what they look like, and what is read from them, or said of them by the product's rules."""
+
+import inspect
 
 import pytest
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.wire import topics
+from jouleswarm.common.wire import links, topics
 from jouleswarm.common.wire.topics import Link
 
 METERED = {
@@ -22,21 +24,36 @@ METERED = {
     topics.telemetry("r", "maml", "agent-3"): ("jouleswarm/r/maml/tlm/agent-3/round", Link.CONTROL, "control"),
     topics.learned("r", "maml", 2): ("jouleswarm/r/maml/tlm/2/learned", Link.CONTROL, "control"),
     topics.snapshot("r", "maml", 42): ("jouleswarm/r/maml/tlm/42/snapshot", Link.CONTROL, "control"),
+    topics.episode("r", "centralized", 2, 3): ("jouleswarm/r/centralized/ctl/2/3/episode", Link.CONTROL, "control"),
+    topics.model_again("r", "fedavg", 2): ("jouleswarm/r/fedavg/ctl/2/0/again", Link.CONTROL, "control"),
+    topics.claim("r", 2, 3): ("jouleswarm/r/all/ctl/2/3/claim", Link.CONTROL, "control"),
 }
+UNMETERED = {
+    topics.broker_answer("a"): "$SYS/jouleswarm/meter/a",
+    topics.meter_report("r", "agent-3"): "jouleswarm/r/meter/agent-3",
+    topics.recorder("r"): "jouleswarm/r/meter/recorder/here",
+    topics.acknowledgement("r", "agent-3"): "jouleswarm/r/meter/agent-3/ack",
+    topics.probe("r"): "jouleswarm/r/meter/recorder/probe",
+    topics.scenario("r", "agent-3"): "jouleswarm/r/meter/agent-3/scenario",
+    topics.wait("r", "agent-3"): "jouleswarm/r/meter/agent-3/wait",
+}
+READERS = {"run_name", "run_of", "arm_of", "task_of", "agent_of"}
 
 
 @pytest.mark.parametrize("topic", METERED)
 def test_a_topic_says_its_link_run_arm_and_phase(topic: str) -> None:
     written, link, phase = METERED[topic]
     assert topic == written
-    assert topics.link_of(topic) == link
-    assert topics.phase_of(topic) == phase
+    assert links.link_of(topic) == link
+    assert links.phase_of(topic) == phase
     assert topics.run_of(topic) == "r"
     assert topics.arm_of(topic) == written.split("/")[2]
 
 
-def test_all_topics_of_a_run_differ() -> None:
-    assert len(METERED) == 15
+def test_the_rules_are_held_against_every_topic_that_the_code_makes() -> None:
+    made = {name for name, each in vars(topics).items() if inspect.isfunction(each)} - READERS
+    made_twice = {"meta_model"}  # for all robots, and for one
+    assert len(METERED) + len(UNMETERED) == len(made) + len(made_twice), "and all of them differ"
 
 
 @pytest.mark.parametrize("name", ["toy", "toy-20240501-120000-ab12", "a.b", "_", "7"])
@@ -55,7 +72,8 @@ def test_other_run_names_are_refused(name: str) -> None:
     [
         topics.BROKER_METER,
         topics.BROKER_METER_ASK,
-        topics.meter_report("r", "agent-3"),
+        topics.BROKER_LIMITS,
+        *UNMETERED.values(),
         "jouleswarm/r/maml/xx/2/3/weights",
         "elsewhere/r/maml/sl/2/3/weights",
         "$SYS/broker/bytes/sent",
@@ -64,5 +82,6 @@ def test_other_run_names_are_refused(name: str) -> None:
     ],
 )
 def test_reports_and_foreign_topics_are_not_metered(topic: str) -> None:
-    assert topics.link_of(topic) is None
-    assert topics.phase_of(topic) == "control"
+    assert set(UNMETERED) == set(UNMETERED.values())
+    assert links.link_of(topic) is None
+    assert links.phase_of(topic) == "control"

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.errors import RunError
+from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.counters import read_counters
 from jouleswarm.common.wire import topics
 from jouleswarm.fleet import launcher as launching
@@ -56,7 +56,8 @@ def test_a_broker_that_listens_is_told_by_its_addresses_and_ended_with_the_launc
 
 
 def test_a_broker_that_cannot_start_is_an_error_with_what_it_printed(tmp_path: Path) -> None:
-    with Launcher(tmp_path / "logs") as launcher, pytest.raises(RunError, match=r"broker ended with code 2: .*no-such"):
+    told = pytest.raises(ConfigurationError, match=r"broker ended with code 2: .*no-such")
+    with Launcher(tmp_path / "logs") as launcher, told:
         launcher.start_broker(["--no-such-option"])
 
 

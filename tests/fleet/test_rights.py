@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 RUN, ARM = "+", "+"
 TOY = load_scenario(ROOT / "scenarios" / "toy.toml")  # task 1: robots 1, 2; task 2: robots 3, 4
 # Functions of common/wire/topics.py that make no topic.
-READERS = {"run_name", "link_of", "run_of", "arm_of", "task_of", "agent_of", "phase_of"}
+READERS = {"run_name", "run_of", "arm_of", "task_of", "agent_of"}
 
 
 def who(access: str, topic: str) -> set[str]:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import pickle
 import runpy
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from jouleswarm import bill
+from jouleswarm import Run
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "mqtt_fl"
@@ -31,11 +29,11 @@ SAFETENSORS = 8 + -(-len(HEADER) // 8) * 8 + 2608  # a length, the header in who
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """What the command prints, and the folder of counts."""
-    folder = tmp_path_factory.mktemp("mqtt_fl")
+    """What the command prints, and its run directory."""
+    folder = tmp_path_factory.mktemp("mqtt_fl") / "counts"
     command = [sys.executable, str(EXAMPLE / "run.py"), str(folder)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ended = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=150)
+    ended = subprocess.run(command, env=environment, cwd=folder.parent, capture_output=True, text=True, timeout=150)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout, folder
 
@@ -53,28 +51,28 @@ def test_each_encoding_has_its_line_and_all_learn_the_same(done: tuple[str, Path
         assert errors[0] < errors[3] < 0.1  # steps of the largest weight / 127
 
 
-def test_every_message_is_counted_and_priced(done: tuple[str, Path]) -> None:
-    messages: Counter[tuple[str, str]] = Counter()
-    for file in done[1].glob("*.csv"):
-        for row in csv.DictReader(file.open(newline="")):
-            if row["what"].endswith("_messages"):
-                messages[row["arm"], f"{row['what']} {row['end']}"] += int(row["value"])
+def test_every_message_is_counted_by_its_rule_and_priced_beside_what_is_computed(done: tuple[str, Path]) -> None:
+    run = Run(done[1])
+    rows = run.meter[run.meter["kind"] == "publish"]
+    messages = rows.assign(arm=rows["labels"].str["arm"]).groupby(["arm", "link", "direction"])["messages"].sum()
+    joules = run.bill()["fl"]
     for name in ENCODINGS:  # 2 learners, 5 rounds
-        for way in ("uplink_messages sent", "uplink_messages received", "downlink_messages sent"):
-            assert messages[f"PS, {name}", way] == 10
-        assert messages[f"consensus, {name}", "sidelink_messages received"] == 10
-    joules = bill(done[1])["fl"]
-    assert joules["computing_robots"].to_list() == pytest.approx([2 * 5 * 4 * 5.1 * 0.4] * 8)
-    assert joules.loc["PS, safetensors", "uplink"] == pytest.approx(10 * SAFETENSORS * 8 / 200e3)
-    assert joules.loc["consensus, safetensors", "sidelink_robots"] == pytest.approx(10 * SAFETENSORS * 8 / 500e3)
+        for link, way in (("uplink", "in"), ("downlink", "out"), ("sidelink", "in"), ("sidelink", "out")):
+            assert messages[name, link, way] == 10
+        assert messages[name, "downlink", "in"] == 5
+        assert joules.at[name, "computing_robots"] == pytest.approx(2 * 2 * 5 * 4 * 5.1 * 0.4)  # by both ways
+    assert joules.at["safetensors", "uplink"] == pytest.approx(10 * SAFETENSORS * 8 / 200e3)
+    assert joules.at["safetensors", "downlink"] == pytest.approx(10 * SAFETENSORS * 8 / 200e3)
+    assert joules.at["safetensors", "sidelink_robots"] == pytest.approx(10 * SAFETENSORS * 8 / 500e3)
+    assert set(rows["link"]) == {"uplink", "downlink", "sidelink", "control"}  # nothing without a rule
 
 
-def test_a_folder_that_holds_counts_is_left_as_it_is(done: tuple[str, Path]) -> None:
-    before = {path.name: path.read_bytes() for path in done[1].iterdir()}
+def test_a_folder_that_holds_something_is_left_as_it_is(done: tuple[str, Path]) -> None:
+    before = {path: path.read_bytes() for path in done[1].rglob("*") if path.is_file()}
     command = [sys.executable, str(EXAMPLE / "run.py"), str(done[1])]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, "holds counts already" in ended.stderr) == (1, True)
-    assert {path.name: path.read_bytes() for path in done[1].iterdir()} == before
+    assert (ended.returncode, "is not empty; name another" in ended.stderr) == (2, True)
+    assert {path: path.read_bytes() for path in done[1].rglob("*") if path.is_file()} == before
 
 
 class _Trap:

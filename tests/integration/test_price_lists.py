@@ -16,7 +16,9 @@ LABEL = "cellular, 0.9 J a message"
 @pytest.fixture(scope="module")
 def cellular(tmp_path_factory: pytest.TempPathFactory, starter: Any, read_run: Any) -> Any:
     out = tmp_path_factory.mktemp("cellular")
-    started = starter.jouleswarm("run", str(EXAMPLE), "--out", str(out), "--run-id", "cellular", COLUMNS="300")
+    started = starter.jouleswarm(
+        "run", str(EXAMPLE), "--out", str(out), "--run-id", "cellular", "--details", COLUMNS="300"
+    )
     assert started.ends() == 0, started.printed
     return read_run(out / "cellular", started.printed)
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 
+from jouleswarm import Meter
 from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.bus.mqtt import MqttBus
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.metering.proxy import Proxy
-from jouleswarm.metering.tally import Tally
 from tests.integration.conftest import wait_until
 
 LINKS = '"fed/+round/+client/up" = { link = "uplink" }\n"fed/+round/model" = { link = "downlink" }\n'
@@ -77,11 +78,11 @@ def test_sums_are_mosquittos_own_to_the_byte(
     assert ours[2] > 3 * 5_565_072
 
 
-def test_a_meter_as_typed_leaves_counts_that_bill_prices(broker: str, start: Any, tmp_path: Path) -> None:
+def test_a_meter_as_typed_leaves_a_run_directory_that_bill_prices(broker: str, start: Any, tmp_path: Path) -> None:
     (tmp_path / "links.toml").write_text(LINKS)
     meter = start.jouleswarm(
         "meter", "proxy", "--to", broker, "--listen", "127.0.0.1:0", "--links", str(tmp_path / "links.toml"),
-        "--out", str(tmp_path), "--run-id", "metered", PYTHONUNBUFFERED="1",
+        "--out", str(tmp_path), "--run-id", "metered", "--facts", broker, PYTHONUNBUFFERED="1",
     )  # fmt: skip
     wait_until(lambda: "listening on" in meter.printed, "listening")
     port = meter.printed.split("listening on 127.0.0.1:")[1].split()[0]
@@ -90,15 +91,20 @@ def test_a_meter_as_typed_leaves_counts_that_bill_prices(broker: str, start: Any
         bus.publish("fed/1/c1/up", bytes(1000))
     bus.flush()
     bus.close()
+    loop = Meter("c1", file=tmp_path / "counts.csv", broker=f"mqtt://127.0.0.1:{port}")
+    loop.gradients(20)
+    loop.close()
+    assert not (tmp_path / "counts.csv").exists()
+    wait_until(lambda: (tmp_path / "metered" / "facts.jsonl").exists(), "facts")
     meter.process.send_signal(signal.SIGINT)
     assert meter.ends() == 0
-    assert "line 2, fed/+round/model (downlink): matched nothing (0 messages)" in " ".join(meter.printed.split())
+    assert "fed/+round/model (downlink), line 2: matched nothing (0 messages)" in " ".join(meter.printed.split())
     rows = [json.loads(line) for line in (tmp_path / "metered" / "meter.jsonl").read_text().splitlines()]
     (row,) = [row for row in rows if row["topic"] == "fed/1/c1/up"]
     assert (row["kind"], row["labels"], row["link"]) == ("publish", {"round": "1", "client": "c1"}, "uplink")
     # 1 + 2 for the length, 2 + 11 for the topic, 2 for the identifier
     assert (row["messages"], row["payload_bytes"], row["packet_bytes"]) == (5, 5000, 5 * 1018)
-    bill = start.jouleswarm("bill", str(tmp_path / "metered" / "bill.csv"), "--json")
+    bill = start.jouleswarm("bill", str(tmp_path / "metered"), "--json")
     assert bill.ends() == 0
     joules = json.loads(bill.printed)["arms"]["experiment"]["energy_j"]["literal"]["total"]
-    assert joules == pytest.approx(8 * 5000 / 200e3)  # Table I: 200 kb/J
+    assert joules == pytest.approx(8 * 5000 / 200e3 + 20 * 5.1 * 0.4)  # Table I: 200 kb/J; 5.1 W for 0.4 s a gradient

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from jouleswarm.common.bus.address import BrokerAddress, parse_url
-from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.fleet.certificates import Validity, make_ca, make_server
 from jouleswarm.metering.proxy import Proxy, client_tls, server_tls, without_user
-from jouleswarm.metering.serve import make_folder, parse_listen
-from jouleswarm.metering.tally import Tally
+from jouleswarm.metering.serve import parse_listen
 from tests.metering.packets import connect, packet, publish
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
@@ -159,13 +159,5 @@ def test_what_can_not_be_listened_on_is_one_line(tmp_path: Path) -> None:
         async with proxy.listening("127.0.0.1", 0) as port, proxy.listening("127.0.0.1", port):
             pass
 
-    with pytest.raises(RunError, match="cannot listen on"):
+    with pytest.raises(ConfigurationError, match="cannot listen on"):
         asyncio.run(taken())
-
-
-def test_what_was_metered_before_is_not_written_over(tmp_path: Path) -> None:
-    (tmp_path / "links.toml").write_text('"a" = { link = "uplink" }')
-    folder = make_folder(tmp_path, "one", tmp_path / "links.toml")
-    (folder / "meter.jsonl").write_text("")
-    with pytest.raises(ConfigurationError, match="holds what was metered before"):
-        make_folder(tmp_path, "one", tmp_path / "links.toml")

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jouleswarm.common.meter.tally import Tally
 from jouleswarm.metering.packets import MOST_BEGINNING_BYTES
 from jouleswarm.metering.stream import Connection
-from jouleswarm.metering.tally import Tally
 from tests.metering.packets import connect, packet, publish, text
 
 Found = dict[tuple[str, str, str], tuple[int, int, int]]

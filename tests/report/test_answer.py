@@ -128,6 +128,17 @@ def test_the_screen_is_short_and_nothing_is_cut(learned, width: int) -> None:
     assert lines[pasted].endswith(str(learned))  # in one piece, however long
 
 
+def test_in_a_container_it_says_what_to_type_outside(learned, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(invoked.FETCH, "docker compose cp recorder:/runs/. runs")
+    monkeypatch.setenv(invoked.PROGRAM, "docker compose run recorder jouleswarm")
+    assert screen(learned, 80)[-4:] == [
+        f"run directory: {str(learned)[1:]}",
+        "fetch its files: docker compose cp recorder:/runs/. runs",
+        f"all tables: docker compose run recorder jouleswarm report {learned} --details",
+        f"other prices: docker compose run recorder jouleswarm report {learned} --ul 500 --sl 200",
+    ]
+
+
 def test_numbers_keep_their_units_at_the_end_of_a_line() -> None:
     told = Said("one two 374.2 kJ against 8.17 kJ", [])
     console = Console(file=io.StringIO(), width=20)

@@ -125,7 +125,7 @@ def test_no_such_directory() -> None:
 
 
 def test_a_directory_that_is_not_a_run(tmp_path) -> None:
-    with pytest.raises(RunError, match=r"no manifest\.json"):
+    with pytest.raises(ConfigurationError, match=r"has no manifest\.json"):
         load_run(tmp_path)
 
 

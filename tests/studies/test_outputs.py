@@ -365,7 +365,7 @@ def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_no_study_is_told(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match=r"study\.json: cannot be read"):
+    with pytest.raises(ConfigurationError, match=r"study\.json: cannot be read"):
         make_tables(tmp_path)
     (tmp_path / RECORD).write_text("{}")
     with pytest.raises(StudyError, match="damaged at study"):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal, cast
 
-from jouleswarm.common.meter.counters import Cell, Counts, Key
+from jouleswarm.common.meter.counters import Cell, Counters, Counts, Key
 from jouleswarm.common.wire.rules import OTHER, Rule, find
 
 Direction = Literal["in", "out"]
@@ -14,6 +15,8 @@ Direction = Literal["in", "out"]
 Kind = Literal["publish", "repeat", "control", "unparsed", "overflow"]
 What = tuple[Direction, Kind]
 MOST_ROWS = 20_000
+RULED = "ruled"
+"""Folder of the broker's, in that of its state."""
 _MOST_NAME = 2000  # characters of client and topic
 
 
@@ -47,29 +50,43 @@ class Row:
 class Tally:
     """The counters; more than `most_rows` topics and clients are counted together."""
 
-    def __init__(self, most_rows: int = MOST_ROWS) -> None:
-        self._cells, self._most_rows = dict[Key, Cell](), most_rows
+    def __init__(self, most_rows: int = MOST_ROWS, folder: Path | None = None) -> None:
+        """`folder`: as of `Counters`, whose errors it has."""
+        self._cells, self._most_rows = Counters(folder), most_rows
+        self._known: dict[Key, Cell] = {}  # with a row of their own: one look for each packet
 
-    def count(self, client: str, topic: str, what: What, payload_bytes: int, packet_bytes: int) -> None:
-        """Book a packet, or bytes of none; `what` is its direction and kind (repeat: once more, of those with DUP)."""
+    def cell(self, client: str, topic: str, what: What) -> Cell | None:
+        """Where to book packets, or bytes of none; `what` is their direction and kind.
+
+        repeat is for those with DUP, once more; None where their publish has no row of its own.
+        """
         direction, kind = what
         key = client, topic, f"{direction} {kind}"
-        if cell := self._cells.get(key) or self._new(key, what):
+        return self._known.get(key) or self._new(key, what)
+
+    def count(self, client: str, topic: str, what: What, payload_bytes: int, packet_bytes: int) -> None:
+        """Book one."""
+        if (cell := self.cell(client, topic, what)) is not None:
             cell.add(payload_bytes, packet_bytes)
 
+    def has(self, client: str, topic: str, what: What) -> bool:
+        """Whether they have a row of their own."""
+        return (client, topic, " ".join(what)) in self._cells
+
     def _new(self, key: Key, what: What) -> Cell | None:
-        """The cell of a key that has none; None: of a repeat whose first message has overflowed."""
         (client, topic, _), (direction, kind) = key, what
-        if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
-            return None
-        is_full = len(self._cells) >= self._most_rows and kind != "repeat"
-        if is_full or len(client) + len(topic) > _MOST_NAME:
-            key = "", "", f"{direction} overflow"
-        return self._cells.setdefault(key, Cell())
+        if key not in self._cells:
+            if kind == "repeat" and (client, topic, f"{direction} publish") not in self._cells:
+                return None  # it has overflowed
+            is_full = len(self._cells) >= self._most_rows and kind != "repeat"
+            if is_full or len(client) + len(topic) > _MOST_NAME:
+                return self._cells.cell(("", "", f"{direction} overflow"))
+        self._known[key] = self._cells.cell(key)
+        return self._known[key]
 
     def counts(self) -> dict[Key, Counts]:
         """What has been counted by now, in the order of the keys."""
-        return {key: self._cells[key].counts for key in sorted(self._cells)}
+        return dict(self._cells.items())
 
 
 def rows_of(counts: Mapping[Key, Counts], rules: Sequence[Rule]) -> list[Row]:
@@ -85,9 +102,14 @@ def rows_of(counts: Mapping[Key, Counts], rules: Sequence[Rule]) -> list[Row]:
     return found
 
 
+def rule_of(rules: Sequence[Rule], topic: str, client: str, direction: Direction) -> Rule | None:
+    """The rule of what a client sends (in) or gets (out) on a topic."""
+    ends = (client, None) if direction == "in" else (None, client)
+    return find(rules, topic, *ends)
+
+
 def _by_rule(row: Row, rules: Sequence[Rule]) -> Row:
-    ends = (row.client, None) if row.direction == "in" else (None, row.client)
-    if (rule := find(rules, row.topic, *ends)) is None:
+    if (rule := rule_of(rules, row.topic, row.client, row.direction)) is None:
         return replace(row, link=OTHER)
     labels, number = rule.labels(tuple(row.topic.split("/"))), rules.index(rule) + 1
     return replace(

@@ -1,0 +1,1 @@
+"""A Flower app of two clients that learn a linear model, metered."""
