@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -69,16 +69,8 @@ def report(
 
         print_document(report_document(run_directory, changes, budget=budget, why=why, meters=meters))
         return
-    print_bill(
-        run_directory,
-        changes=changes,
-        budget=budget,
-        why=why,
-        meters=meters,
-        details=details,
-        html=bool(kinds),
-        figures=kinds,
-    )
+    asked: dict[str, Any] = {"budget": budget, "why": why, "meters": meters, "details": details}
+    print_bill(run_directory, changes=changes, **asked, html=bool(kinds), figures=kinds)
 
 
 def audit(as_json: JsonOption = False) -> None:

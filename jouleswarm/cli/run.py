@@ -161,6 +161,7 @@ def record(
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
 
+    kinds = () if no_figures else figure_kinds(figures)
     settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
     path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
     _present(path, kinds, details)

@@ -50,3 +50,9 @@ def tint(colour: str, strength: float) -> str:
     """So much of a colour `#rrggbb` on white."""
     parts = (int(colour[at : at + 2], 16) for at in (1, 3, 5))
     return "#" + "".join(f"{round(255 - strength * (255 - part)):02x}" for part in parts)
+
+
+def dashes(line: Any) -> str:
+    """A line as SVG's `stroke-dasharray`."""
+    named = {"-": "", "--": "6 3", "-.": "7 2 1.5 2", ":": "1.5 2"}
+    return named[line] if isinstance(line, str) else " ".join(f"{each:g}" for each in line[1])

@@ -152,6 +152,9 @@ def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> N
     html = (toy_run.path / "report.html").read_text()
     assert "FL, no transfer" in html
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
+    # both tasks were learned in both arms: four greedy paths, kept beside the figures
+    assert html.count("<polyline") == 4
+    assert (toy_run.path / "figures" / "paths.json").is_file()
 
 
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
