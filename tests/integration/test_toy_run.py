@@ -148,7 +148,7 @@ def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_librar
 def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> None:
     drawn = {path.name for path in (toy_run.path / "figures").iterdir()}
     names = ("energy", "rounds", "rewards", "learned", "why", "bytes")
-    assert drawn - {"learned.csv"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+    assert drawn - {"learned.csv", "paths.json"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
     html = (toy_run.path / "report.html").read_text()
     assert "FL, no transfer" in html
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
