@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.figure_kinds import figure_kinds
 from jouleswarm.common.options import SCENARIO_HELP
 
 
@@ -66,7 +67,11 @@ PowerLogNames = Annotated[
 ]
 Figures = Annotated[
     str,
-    typer.Option(metavar="KIND,...", help="Draw figures as files of these kinds, of png, svg and pdf."),
+    typer.Option(
+        metavar="KIND,...",
+        help="Draw figures as files of these kinds, of png, svg and pdf.",
+        callback=lambda given: ",".join(figure_kinds(given)),
+    ),
 ]
 NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, and write no report.html.")]
 Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes too, before the answer.")]
@@ -81,6 +86,25 @@ MetricsPort = Annotated[
     int | None,
     typer.Option(
         min=0, max=65535, envvar="JOULESWARM_METRICS_PORT", help="Serve Prometheus metrics of the run; 0: a free port."
+    ),
+]
+MetricsHost = Annotated[
+    str, typer.Option(envvar="JOULESWARM_METRICS_HOST", help="Address that metrics are served on; 0.0.0.0: on all.")
+]
+Tensorboard = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        envvar="JOULESWARM_TENSORBOARD",
+        help="Write TensorBoard's event files into DIR/RUN/ARM while it runs.",
+    ),
+]
+Mlflow = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URI",
+        envvar="JOULESWARM_MLFLOW",
+        help="Log to MLflow while it runs: a server's address, or sqlite:///mlflow.db.",
     ),
 ]
 Durable = Annotated[

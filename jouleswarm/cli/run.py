@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from jouleswarm.cli.document import JsonOption, print_document
+from jouleswarm.cli.followers import followed
 from jouleswarm.cli.options import (
     SCENARIO,
     Details,
@@ -19,7 +20,9 @@ from jouleswarm.cli.options import (
     Figures,
     KeepState,
     Measured,
+    MetricsHost,
     MetricsPort,
+    Mlflow,
     NoFigures,
     Out,
     Restarts,
@@ -29,13 +32,15 @@ from jouleswarm.cli.options import (
     ScenarioFile,
     Seed,
     ShowPage,
+    Tensorboard,
     overrides,
 )
 from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
-if TYPE_CHECKING:
-    from jouleswarm.fleet.recording import Viewing
+_Broker = Annotated[
+    str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+]
 
 
 def _present(path: Path, figures: Sequence[str], details: bool) -> None:
@@ -46,16 +51,6 @@ def _present(path: Path, figures: Sequence[str], details: bool) -> None:
         print_bill(path, details=details, html=bool(figures), figures=figures)
 
 
-def _viewing(metrics_port: int | None) -> Viewing:
-    from jouleswarm.report.view import View
-
-    if metrics_port is None:
-        return View
-    from jouleswarm.fleet.metrics import with_metrics
-
-    return with_metrics(metrics_port, View)
-
-
 def run(
     scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
@@ -64,9 +59,7 @@ def run(
     measure: Measured = False,
     out: Out = Path("runs"),
     run_id: RunId = None,
-    broker: Annotated[
-        str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
-    ] = None,
+    broker: _Broker = None,
     keys: KeysOption = None,
     figures: Figures = DEFAULT,
     no_figures: NoFigures = False,
@@ -78,6 +71,8 @@ def run(
     rounds: Rounds = None,
     keep_state: KeepState = False,
     metrics_port: MetricsPort = None,
+    tensorboard: Tensorboard = None,
+    mlflow: Mlflow = None,
     details: Details = False,
     page: ShowPage = False,
 ) -> None:
@@ -89,10 +84,9 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
-    from jouleswarm.page.beside import page_beside
+    from jouleswarm.report.view import View
+    from jouleswarm.runs.files import read_manifest
 
-    kinds = () if no_figures else figure_kinds(figures)
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -100,19 +94,23 @@ def run(
         return
     if dry or rounds is not None:
         raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
-    if scenario is None:
-        assert resume is not None
-        if seed is not None or run_id is not None or energy is not None or measure:
-            raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
-        more = with_more_rounds(resume, set_) if set_ else None
-        with page_beside(resume, wanted=page):
-            _present(resume_deployment(resume, Console(), started, more), kinds, details)
-        return
+    if scenario is None and (seed is not None or run_id is not None or energy is not None or measure):
+        raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
-    settings = load_scenario(scenario, changes)
-    name = run_id or new_run_id(settings)
-    with page_beside(out / name, wanted=page):
-        _present(run_deployment(settings, name, out, Console(), started), kinds, details)
+    settings = None if scenario is None else load_scenario(scenario, changes)
+    _ = resume and read_manifest(resume)
+    from jouleswarm.page.beside import page_beside  # heavy
+
+    name = "" if settings is None else run_id or new_run_id(settings)
+    where = resume or out / name
+    with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
+        started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=also.beside(View))
+        if settings is None:
+            resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
+        else:
+            run_deployment(settings, name, out, Console(), started)
+        also.end(where)
+        _present(where, () if no_figures else figure_kinds(figures), details)
 
 
 def validate(
@@ -151,6 +149,9 @@ def record(
     figures: Figures = DEFAULT,
     no_figures: NoFigures = False,
     metrics_port: MetricsPort = None,
+    metrics_host: MetricsHost = "127.0.0.1",
+    tensorboard: Tensorboard = None,
+    mlflow: Mlflow = None,
     details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -160,8 +161,12 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
+    from jouleswarm.report.view import View
 
     kinds = () if no_figures else figure_kinds(figures)
-    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
-    _present(path, kinds, details)
+    settings = load_scenario(scenario, overrides(set_, seed))
+    with followed(metrics_port, tensorboard, mlflow, metrics_host) as also:
+        view, run_ = also.beside(View), run_id or settings.name
+        path = record_deployment(settings, run_, out, broker, Console(), ready_file, keys, view)
+        also.end(path)
+        _present(path, kinds, details)
