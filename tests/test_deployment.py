@@ -248,6 +248,16 @@ def test_the_toy_deployment_starts_the_toy_scenarios_robots_only() -> None:
         assert services[role]["environment"] == {"JOULESWARM_SCENARIO": "scenarios/toy.toml"}
 
 
+def test_the_toy_deployment_has_no_volumes_of_robots_that_do_not_exist(services: dict[str, Any]) -> None:
+    toy = read("deploy/toy.compose.yml")["services"]
+    left_out = {mount["target"]: mount["type"] for mount in toy["keys"]["volumes"]}
+    assert set(left_out.values()) == {"tmpfs"}
+    # Compose merges volumes by where a container sees them.
+    made = [mount.split(":") for mount in services["keys"]["volumes"]]
+    robots = {target for name, target, *_ in made if name.startswith("keys-agent-") and target not in left_out}
+    assert robots == {f"/handed/agent-{robot}" for robot in load_scenario(ROOT / "scenarios/toy.toml").agents}
+
+
 def test_the_image_runs_as_the_compose_user(services: dict[str, Any]) -> None:
     lines = (ROOT / "Dockerfile").read_text().splitlines()
     assert f"USER {services['broker']['user']}" in lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def page(
-    run: Annotated[Path, typer.Argument(help="A run directory, finished or growing; with --broker the scenario.")],
+    run: Annotated[
+        Path, typer.Argument(help="A run directory, also a meter's, finished or growing; with --broker the scenario.")
+    ],
     broker: Annotated[
         str | None,
         typer.Option(help="Listen to a deployment elsewhere on its broker (mqtt://...), not to a directory."),
@@ -42,20 +44,24 @@ def page(
         serve(source, sock, token)
 
 
-def _directory(run: Path) -> Source:
+def _directory(run: Path) -> Source[Any]:
     from jouleswarm.common.disk.lock import is_held
     from jouleswarm.common.errors import ConfigurationError
+    from jouleswarm.metering.metered import is_metered
+    from jouleswarm.page.meter.source import MeterFolder
     from jouleswarm.page.source import Folder
     from jouleswarm.runs.files import run_manifest
 
     if not run.is_dir():
         raise ConfigurationError(f"run {run}: no such directory; name the one that `jouleswarm run` printed")
+    if is_metered(run):
+        return MeterFolder(run)
     if not is_held(run):  # else it may be just beginning
         run_manifest(run)
     return Folder(run)
 
 
-def _deployment(scenario: Path, broker: str, run_id: str | None, keys: Path | None, changes: list[str]) -> Source:
+def _deployment(scenario: Path, broker: str, run_id: str | None, keys: Path | None, changes: list[str]) -> Source[Any]:
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.page.listening import Deployment
 

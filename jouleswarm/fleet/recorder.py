@@ -68,7 +68,7 @@ class Recorder:
             topics.meter_report(run, "+"),
             topics.presence(run, "+", "+"),
         ]
-        self.newest: dict[tuple[str, int, int], RoundRow] = {}
+        self.newest = {(row.arm, row.task, row.agent): row for row in directory.rows}
         self.on_row: Callable[[RoundRow], None] = lambda row: None
         self.spent = Spent(scenario, resumed=bool(directory.rows))
         self._broker = BrokerCounters(self._listener, run, scenario.bus)

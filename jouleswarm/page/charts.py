@@ -10,8 +10,8 @@ from jouleswarm.report.format import joules_text
 
 INK = "#777781"
 """Of text and axes: readable on light and on dark ground."""
-_LINE = {"lineStyle": {"color": INK, "opacity": 0.3}, "onZero": False}
-_TEXT = {"color": INK, "fontSize": 12}
+THIN = {"lineStyle": {"color": INK, "opacity": 0.3}, "onZero": False}
+TEXT = {"color": INK, "fontSize": 12}
 _KILO_FROM_J = 10_000
 _FEW_ROBOTS = 24
 """Robots' own curves are drawn up to here."""
@@ -33,10 +33,10 @@ def causes_chart(arms: Sequence[ArmPriced]) -> Options:
         for arm in arms
     ]
     return {
-        **_base(),
+        **base(),
         "grid": {"left": 8, "right": 64, "top": 8, "bottom": 8, "containLabel": True},
-        "xAxis": {"type": "value", "axisLabel": {"show": False}, "splitLine": _LINE},
-        "yAxis": {"type": "category", "data": causes, "inverse": True, "axisLabel": _TEXT, "axisLine": _LINE},
+        "xAxis": {"type": "value", "axisLabel": {"show": False}, "splitLine": THIN},
+        "yAxis": {"type": "category", "data": causes, "inverse": True, "axisLabel": TEXT, "axisLine": THIN},
         "series": series,
     }
 
@@ -89,14 +89,15 @@ def _bar(joules: float | None) -> Options:
     return {"value": joules, "label": told}
 
 
-def _base() -> Options:
+def base() -> Options:
+    """What all charts have."""
     return {"animationDuration": 300, "animationDurationUpdate": 300, "tooltip": {"confine": True}}
 
 
 def _plane(across: str, up: str) -> Options:
-    name = {"nameTextStyle": _TEXT, "axisLabel": _TEXT, "axisLine": _LINE, "splitLine": _LINE, "scale": True}
+    name = {"nameTextStyle": TEXT, "axisLabel": TEXT, "axisLine": THIN, "splitLine": THIN, "scale": True}
     return {
-        **_base(),
+        **base(),
         "tooltip": {"trigger": "axis", "confine": True},
         "grid": {"left": 8, "right": 20, "top": 28, "bottom": 22, "containLabel": True},
         "xAxis": {"type": "value", "name": across, "nameLocation": "middle", "nameGap": 24, **name},

@@ -15,6 +15,7 @@ from typing import Any
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.page.guard import guard
+from jouleswarm.page.meter.source import MeterFolder
 from jouleswarm.page.source import Source
 from jouleswarm.page.watch import Watch
 
@@ -73,7 +74,7 @@ def url(host: str, port: int, token: str | None) -> str:
     return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
-def serve(source: Source, sock: socket.socket, token: str | None, *, with_parent: bool = False) -> None:
+def serve(source: Source[Any], sock: socket.socket, token: str | None, *, with_parent: bool = False) -> None:
     """Serve the page until Ctrl-C or SIGTERM; `with_parent`: and no longer than standard input is open.
 
     Args:
@@ -95,7 +96,7 @@ def serve(source: Source, sock: socket.socket, token: str | None, *, with_parent
             yield
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=watching)
-    ui.run_with(app, root=lambda: _open(watch), title=f"{source.title}: JouleSwarm", dark=None, tailwind=False)
+    ui.run_with(app, root=lambda: _open(source, watch), title=f"{source.title}: JouleSwarm", dark=None, tailwind=False)
     guarded = guard(app, token)
     config = uvicorn.Config(guarded, log_level="error", ws="wsproto", timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
@@ -105,10 +106,11 @@ def serve(source: Source, sock: socket.socket, token: str | None, *, with_parent
         server.run(sockets=[sock])
 
 
-def _open(watch: Watch) -> None:
+def _open(source: Source[Any], watch: Watch[Any]) -> None:
+    from jouleswarm.page.meter.view import MeterView
     from jouleswarm.page.view import View
 
-    View(watch)
+    (MeterView if isinstance(source, MeterFolder) else View)(watch)
 
 
 def _end_with_stdin(server: Any) -> None:

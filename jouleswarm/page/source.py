@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from jouleswarm.common.disk.lock import is_held
 from jouleswarm.common.errors import JouleSwarmError
@@ -24,7 +24,11 @@ _REST = 4.0
 """A long run is read again after so many times what reading it took: the page leaves the cores to the run."""
 
 
-class Source(Protocol):
+T = TypeVar("T")
+_Told = TypeVar("_Told", covariant=True)
+
+
+class Source(Protocol[_Told]):
     """What the page is of."""
 
     @property
@@ -35,8 +39,34 @@ class Source(Protocol):
     def where(self) -> str:
         """The run, as `jouleswarm report` takes it; "" where there is no directory."""
 
-    def look(self) -> Shown | None:
+    def look(self) -> _Told | None:
         """What there is by now, or None as long as there is nothing; often the same object as before."""
+
+
+class Anew(Generic[T]):
+    """What was read of a directory: again when it has changed, a long one seldom."""
+
+    def __init__(self, read: Callable[[bool], T]) -> None:
+        """`read`: with whether it is being written."""
+        self._read = read
+        self._found: T | None = None
+        self._seen: object = None
+        self._next_s = 0.0
+
+    def look(self, seen: object, *, held: bool) -> T | None:
+        """`seen`: differs when it is to be read again; `held`: it is being written, and a file that is just being
+        replaced is read the next time."""
+        if seen == self._seen or time.monotonic() < self._next_s:
+            return self._found
+        began_s = time.monotonic()
+        try:
+            self._found, self._seen = self._read(held), seen
+        except (JouleSwarmError, FileNotFoundError):
+            if not held:
+                raise
+        finally:
+            self._next_s = time.monotonic() + _REST * (time.monotonic() - began_s)
+        return self._found
 
 
 class Folder:
@@ -46,26 +76,19 @@ class Folder:
         self.path, self.title, self.where = path, path.name, str(path)
         self._now = now or (lambda: datetime.datetime.now(datetime.UTC))
         self._paths = Paths(path)
+        self._anew = Anew(lambda held: self._show(load_run(path), held))
+        self._bare: Shown | None = None
         self._found: Shown | None = None
-        self._seen: object = None
-        self._next_s = 0.0
 
     def look(self) -> Shown | None:
-        """Reads again what has grown. A file that is just being replaced is read the next time."""
+        """Reads again what has grown."""
         if not (self.path / MANIFEST).exists():
             return None
         held = is_held(self.path)
         seen = held, *(_size(self.path / name) for name in (ROUNDS, "summary.json", str(EVENTS)))
-        if (not held and seen == self._seen) or time.monotonic() < self._next_s:
-            return self._with_paths()
-        began_s = time.monotonic()
-        try:
-            self._found, self._seen = self._show(load_run(self.path), held), seen
-        except (JouleSwarmError, FileNotFoundError):
-            if not held:  # else it was just being written
-                raise
-        finally:
-            self._next_s = time.monotonic() + _REST * (time.monotonic() - began_s)
+        clock_s = time.monotonic() if held else 0.0  # its seconds go on
+        if (bare := self._anew.look((clock_s, *seen), held=held)) is not self._bare:
+            self._bare = self._found = bare
         return self._with_paths()
 
     def _with_paths(self) -> Shown | None:

@@ -37,7 +37,15 @@ svg .node { fill: var(--card); stroke: var(--soft); stroke-width: 1.4; }
 svg .cluster { fill: none; stroke: var(--line); stroke-width: 1.4; } svg text.robot { font-size: 11px; }
 svg .link { stroke-linecap: round; opacity: .8; transition: stroke-width .4s; }
 svg .uplink { stroke: var(--uplink); } svg .downlink { stroke: var(--downlink); }
-svg .sidelink { stroke: var(--sidelink); }
+svg .sidelink { stroke: var(--sidelink); } svg .control { stroke: var(--soft); } svg .other { stroke: var(--line); }
+svg.meter text { font-size: 14px; } @media (max-width: 760px) { svg.meter text { font-size: 18px; } }
+.table { overflow-x: auto; } .table table { border-collapse: collapse; width: 100%; font-size: .88rem; }
+.table th { color: var(--soft); font-weight: 400; text-align: left; }
+.table th, .table td { padding: .15rem .6rem .15rem 0; border-bottom: 1px solid var(--line); white-space: nowrap; }
+.table td { max-width: 18rem; overflow: hidden; text-overflow: ellipsis; }
+@media (max-width: 760px) { .table td { max-width: 8.5rem; } }
+.table :is(td, th):last-child { padding-left: .8rem; }
+.table :is(td, th).figure { text-align: right; font-variant-numeric: tabular-nums; }
 svg.map { max-width: 100%; height: auto; margin: .2rem auto 0; display: block; } svg.map text { fill: var(--soft); }
 svg .floor { fill: var(--line); opacity: .45; } svg .path { fill: var(--soft); opacity: .35; }
 svg .obstacle { fill: var(--ink); opacity: .75; } svg .walker { stroke: var(--card); stroke-width: 1.5; }

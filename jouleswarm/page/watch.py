@@ -5,28 +5,30 @@ from __future__ import annotations
 import html
 import logging
 import threading
+from typing import Generic, TypeVar
 
 from jouleswarm.common.errors import JouleSwarmError
-from jouleswarm.page.model import Shown
 from jouleswarm.page.source import Source
 
 _EVERY_S = 0.3
 
 log = logging.getLogger("jouleswarm.page")
 
+T = TypeVar("T")
 
-class Watch:
+
+class Watch(Generic[T]):
     """Context manager: the thread ends with it."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source[T]) -> None:
         self._source, self.title, self.where = source, source.title, source.where
-        self.shown: Shown | None = None
+        self.shown: T | None = None
         self.trouble = ""
         """Why there is nothing new, as HTML."""
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look_again, name="page", daemon=True)
 
-    def __enter__(self) -> Watch:
+    def __enter__(self) -> Watch[T]:
         self._thread.start()
         return self
 

@@ -6,7 +6,7 @@ into their names, for example `report-ul500-sl200.html`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -18,7 +18,6 @@ from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.metering.metered import Metered
 from jouleswarm.report.answer import answer, said
-from jouleswarm.report.html import write_html
 from jouleswarm.report.metered_report import report_metered
 from jouleswarm.report.notes import headline, notes, warnings
 from jouleswarm.report.opened import load
@@ -43,10 +42,10 @@ def report(
     meters: Meters | None = None,
     details: bool = False,
     html: bool = False,
-    figures: bool = False,
+    figures: Sequence[str] = (),
     console: Console | None = None,
 ) -> list[Path]:
-    """Print the answer of a run, and draw figures and `report.html` if asked; returns the files written.
+    """Print the answer of a run, and write `report.html` and figures of the kinds asked for; returns the files written.
 
     Args:
         run_dir: what `jouleswarm run` printed.
@@ -82,10 +81,12 @@ def report(
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
         written: list[Path] = []
         if figures:
-            from jouleswarm.report.figures import write_figures
+            from jouleswarm.report.figures import write_figures  # late: it loads what draws
 
-            written = write_figures(run, energy, suffix)
+            written = write_figures(run, energy, suffix, figures)
         if html:
+            from jouleswarm.report.html import write_html
+
             written.append(write_html(run, energy, suffix))
     show_next(run, written, console or Console())
     if run.misfits:

@@ -14,7 +14,9 @@ from urllib.parse import urlsplit
 
 import psutil
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, expect, sync_playwright
+
+from tests.made_up_meter import MadeUpMeter
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (
@@ -103,6 +105,26 @@ def test_a_robot_of_each_arm_and_task_follows_its_learned_path(seen: Seen) -> No
 def test_nothing_is_wider_than_the_screen(seen: Seen, width: int) -> None:
     seen.page.set_viewport_size({"width": width, "height": 800})
     assert seen.page.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_a_meters_directory_is_shown_and_priced_again(seen: Seen, starter: Any, tmp_path: Path) -> None:
+    links = '"up" = { link = "uplink" }'
+    with MadeUpMeter(tmp_path / "mine", links) as meter:
+        meter.pass_by(0, [("<img src=x onerror=alert(1)>", "up", "in", 2000)])
+        started = starter.jouleswarm("page", str(tmp_path / "mine"), "--port", "0")
+        wait_until(lambda: started.printed.count("\n") > 0, "the page's address")
+        page = seen.page.context.new_page()
+        page.goto(started.printed.split()[1], timeout=WITHIN_MS)
+        total = page.locator("[data-joules]")
+        expect(total).to_have_text("0.08 J", timeout=WITHIN_MS)  # 16,000 bits at 200 kb/J
+        meter.pass_by(1, [("r2", "up", "in", 3000)])
+        expect(total).to_have_text("0.2 J", timeout=WITHIN_MS)
+    expect(page.locator(".status")).to_have_text("complete", timeout=WITHIN_MS)
+    page.locator('[data-key="ul_bit_per_j"] .q-slider__track-container').press("ArrowRight")
+    expect(total).to_have_text("0.1783 J", timeout=WITHIN_MS)  # 40,000 bits at 224.4 kb/J
+    assert page.locator("main img").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") == page.viewport_size["width"]
+    page.close()
 
 
 def test_ctrl_c_ends_the_page_and_leaves_nothing(seen: Seen) -> None:

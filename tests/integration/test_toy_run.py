@@ -148,10 +148,13 @@ def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_librar
 def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> None:
     drawn = {path.name for path in (toy_run.path / "figures").iterdir()}
     names = ("energy", "rounds", "rewards", "learned", "why", "bytes")
-    assert drawn - {"learned.csv"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+    assert drawn - {"learned.csv", "paths.json"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
     html = (toy_run.path / "report.html").read_text()
     assert "FL, no transfer" in html
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
+    # both tasks were learned in both arms: four greedy paths, kept beside the figures
+    assert html.count("<polyline") == 4
+    assert (toy_run.path / "figures" / "paths.json").is_file()
 
 
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:
@@ -204,3 +207,10 @@ def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: 
     assert report.ends() == 0, report.printed
     assert "E_UL 500, E_DL 500, E_SL 200 kb/J" in report.printed
     assert content() == before
+
+
+def test_without_a_terminal_a_run_says_at_once_what_it_waits_for_and_its_logs_stay_small(toy_run: Any) -> None:
+    told = [line for line in toy_run.printed.splitlines() if " | starting " in line]
+    assert told[0].endswith("0 s | starting 4 robots and the data center: 0 of 5 here")
+    assert toy_run.printed.count("a line every 10 s: ") == 1
+    assert not [log for log in (toy_run.path / "logs").glob("*.log") if "own reward" in log.read_text()]
