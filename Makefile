@@ -1,5 +1,5 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
-# make test   set up, then linters, type checker and all tests
+# make test   set up with what tests need, then linters, type checker and all tests
 # make compose  the same by Docker Compose (see docker-compose.yml), the answer last
 # make flower .venv-flower, where the tests marked flower run Flower (40 s, 430 MB)
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
@@ -27,7 +27,7 @@ PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
 
-test: setup flower
+test: $(VENV)/tested flower
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict
@@ -48,9 +48,15 @@ $(VENV)/installed: pyproject.toml
 	@echo "  1/2 $(TORCH) (about 200 MB as a CPU wheel; see TORCH_INDEX in the Makefile)"
 	@$(PIP) $(TORCH_INDEX) "$(TORCH)"
 	@echo "  2/2 JouleSwarm and its other dependencies"
-	@$(PIP) --editable ".[dev]"
+	@$(PIP) --editable ".[page]"
 	@touch $@
 	@echo "Set-up done"
+
+# What tests need besides: linters, MLflow, TensorBoard, the site's generator.
+$(VENV)/tested: $(VENV)/installed
+	@echo "Setting up what tests need: another minute"
+	@$(PIP) --editable ".[dev]"
+	@touch $@
 
 flower: $(VENV)-flower/installed
 

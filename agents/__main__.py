@@ -28,7 +28,7 @@ def main(
 
     Example: python -m jouleswarm.agents --broker mqtt://localhost:1883 --id 3 --task 2 --scenario quick
     """
-    with process(f"robot {id}", verbose=started.verbose):
+    with process(f"robot {id}", verbose=started.verbose, quiet=started.quiet):
         # Late imports: --help and a wrong option answer at once, without PyTorch.
         from jouleswarm.common.bus.joining import join
         from jouleswarm.common.errors import ConfigurationError, RunError, usable

@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 import typer
 
+from jouleswarm.broker.lines import LOG
 from jouleswarm.broker.logs import background_log
 from jouleswarm.broker.options import Options, command
 from jouleswarm.broker.protection import protection_of, warning_of
@@ -48,6 +49,9 @@ def main(options: Options) -> None:
             tls=tls,
             state=options.state,
         )
+
+        is_watched = not options.quiet and not options.exit_with_stdin
+        logging.getLogger(LOG).setLevel(logging.INFO if is_watched else logging.CRITICAL)
 
         def ready(addresses: Addresses) -> None:
             if warning:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -17,6 +17,7 @@ _COUNTERS = (
     ("payload_bytes", "bytes of payload"),
     ("packet_bytes", "bytes of whole MQTT packets"),
 )
+_REFUSED = "refused_"
 
 
 class BrokerCollector(Collector):
@@ -41,6 +42,7 @@ class BrokerCollector(Collector):
         for event, count in self._broker.meter.event_counts().items():
             events.add_metric([event], count)
         yield events
+        yield _refusals(self._broker.meter.event_counts())
         clients = len(self._broker.handlers)
         yield GaugeMetricFamily("jouleswarm_broker_clients", "clients connected now", value=clients)
         held = self._broker.budget.used_bytes
@@ -57,6 +59,17 @@ class BrokerCollector(Collector):
             for key, counts in totals.items():
                 counter.add_metric(list(key), counts[index])
             yield counter
+
+
+def _refusals(events: Mapping[str, int]) -> Metric:
+    """Named as the recorder's (jouleswarm/fleet/families.py), so that one question asks for both."""
+    refused = CounterMetricFamily(
+        "jouleswarm_refused_messages", "messages refused, by whom and why", labels=("by", "reason")
+    )
+    for event, count in events.items():
+        if event.startswith(_REFUSED):
+            refused.add_metric(["broker", event.removeprefix(_REFUSED)], count)
+    return refused
 
 
 def start_exporter(broker: SwarmBroker, host: str, port: int) -> int:

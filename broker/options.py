@@ -82,6 +82,7 @@ class Options(BaseModel):
         json_schema_extra=_ONE_WAY,
         description="For launchers: print the addresses as one line of JSON, ignore Ctrl-C, end when stdin closes.",
     )
+    quiet: bool = Field(False, json_schema_extra={"flag": "--quiet"}, description="Print no line every ten seconds.")
     log_level: str = Field("WARNING", description="DEBUG, INFO, WARNING or ERROR; to stderr.")
 
     @property

@@ -23,6 +23,7 @@ from jouleswarm.broker.core import SwarmBroker
 from jouleswarm.broker.counters import SnapshotPublisher
 from jouleswarm.broker.exporter import start_exporter
 from jouleswarm.broker.limits import Limits
+from jouleswarm.broker.lines import tell
 from jouleswarm.broker.meter import BrokerMeter
 from jouleswarm.broker.tls import TlsFiles
 from jouleswarm.common.allocator import keep_freed_memory
@@ -109,7 +110,7 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         try:
-            await _work(ended, watch(broker), age(broker), publisher.run(), broker.chores())
+            await _work(ended, watch(broker), age(broker), tell(broker), publisher.run(), broker.chores())
         except ExceptionGroup as failed:
             logger.exception("a part of the broker has failed")
             first = failed.exceptions[0]

@@ -83,6 +83,7 @@ class Started:
     ] = False
     other_processor: OtherProcessorOption = False
     set_: SetOption = None
+    quiet: Annotated[bool, typer.Option("--quiet", envvar="JOULESWARM_QUIET", help="Print no line a round.")] = False
     verbose: Annotated[bool, typer.Option(envvar="JOULESWARM_VERBOSE", help="Say what is waited for.")] = True
 
     @property

@@ -14,11 +14,15 @@ from jouleswarm.common.disk.trouble import full_disk_is_told
 from jouleswarm.common.errors import JouleSwarmError, RunError, used_up
 
 STOPPED = 130
+ROUNDS_LOG = "jouleswarm.rounds"
+"""Name of the log of what a process does, a line a round."""
 
 
 @contextlib.contextmanager
-def process(name: str, *, verbose: bool = False) -> Iterator[None]:
+def process(name: str, *, verbose: bool = False, quiet: bool = False) -> Iterator[None]:
     """Run a process's body: an error of ours ends it with one clear line and its exit code.
+
+    `verbose`: it says on stderr what it waits for, and unless `quiet` what it does, a line a round.
 
     SIGTERM and SIGINT end it at once, quietly. Any other exception is a defect and keeps its traceback.
     """
@@ -28,6 +32,9 @@ def process(name: str, *, verbose: bool = False) -> Iterator[None]:
         datefmt="%H:%M:%S",
         stream=sys.stderr,
     )
+    rounds = logging.getLogger(ROUNDS_LOG)
+    rounds.setLevel(logging.WARNING if quiet else logging.NOTSET)
+    rounds.info("starting: loading PyTorch takes a few seconds")
     signal.signal(signal.SIGTERM, _stop)
     signal.signal(signal.SIGINT, _stop)
     with one_line_errors(name):

@@ -20,7 +20,7 @@ def main(started: Started) -> None:
 
     Example: python -m jouleswarm.datacenter --broker mqtt://localhost:1883 --scenario quick
     """
-    with process("data center", verbose=started.verbose):
+    with process("data center", verbose=started.verbose, quiet=started.quiet):
         # Late imports: --help and a wrong option answer at once, without PyTorch.
         from jouleswarm.common.bus.joining import join
         from jouleswarm.common.disk.verify import check_states

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = [f"agent-{number}" for number in range(1, 13)]
 CLIENTS = ["recorder", "datacenter", *ROBOTS]
 ROLES = ["keys", "broker", *CLIENTS]
+WATCHERS = ["prometheus", "grafana"]
 
 
 def read(name: str) -> dict[str, Any]:
@@ -44,7 +45,9 @@ def services(compose: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_the_deployment_is_keys_broker_recorder_data_center_and_twelve_robots(services: dict[str, Any]) -> None:
-    assert sorted(services) == sorted(ROLES)
+    assert sorted(role for role, service in services.items() if "profiles" not in service) == sorted(ROLES)
+    assert {role: services[role]["profiles"] for role in WATCHERS} == {role: ["monitoring"] for role in WATCHERS}
+    assert sorted(services) == sorted([*ROLES, *WATCHERS])
 
 
 def test_the_robots_are_those_of_the_full_scenarios(services: dict[str, Any]) -> None:
@@ -54,7 +57,7 @@ def test_the_robots_are_those_of_the_full_scenarios(services: dict[str, Any]) ->
         assert load_scenario(ROOT / "scenarios" / f"{scenario}.toml").agents == ids
 
 
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("role", [*ROLES, *WATCHERS])
 def test_a_container_has_no_privileges(services: dict[str, Any], role: str) -> None:
     service = services[role]
     assert service["init"] is True
@@ -194,11 +197,39 @@ def test_every_container_has_a_limit_of_memory_and_of_processes(services: dict[s
     assert services[role]["pids_limit"] <= 256
 
 
-def test_only_the_counters_are_published_and_to_this_machine_alone(compose: dict[str, Any]) -> None:
-    published = {role: service["ports"] for role, service in compose["services"].items() if "ports" in service}
-    assert published == {"broker": ["127.0.0.1:${JOULESWARM_METRICS_PORT:-9883}:9883"]}
-    assert compose["networks"]["bus"]["internal"] is True
-    assert all(service["networks"] == ["bus"] for role, service in compose["services"].items() if role != "broker")
+def test_only_counters_and_who_shows_them_are_published_and_to_this_machine_alone(compose: dict[str, Any]) -> None:
+    services, networks = compose["services"], compose["networks"]
+    published = {role: service["ports"] for role, service in services.items() if "ports" in service}
+    assert published == {
+        "broker": ["127.0.0.1:${JOULESWARM_METRICS_PORT:-9883}:9883"],
+        "prometheus": ["127.0.0.1:9090:9090"],
+        "grafana": ["127.0.0.1:3000:3000"],
+    }
+    assert (networks["bus"]["internal"], networks["monitoring"]["internal"]) == (True, True)
+    others = {"recorder": ["bus", "monitoring"]} | {role: ["monitoring", "metrics"] for role in WATCHERS}
+    for role in set(services) - {"broker"}:
+        assert services[role]["networks"] == others.get(role, ["bus"])
+
+
+def test_prometheus_scrapes_the_ports_that_broker_and_recorder_serve_on(services: dict[str, Any]) -> None:
+    (job,) = read("deploy/prometheus/prometheus.yml")["scrape_configs"]
+    port = services["recorder"]["environment"]["JOULESWARM_METRICS_PORT"]
+    assert job["static_configs"] == [{"targets": ["broker:9883", f"recorder:{port}"]}]
+    assert services["recorder"]["environment"]["JOULESWARM_METRICS_HOST"] == "0.0.0.0"
+    assert set(services["prometheus"]["networks"]) & set(services["recorder"]["networks"]) == {"monitoring"}
+
+
+def test_grafana_finds_its_source_and_its_dashboards_where_they_are_mounted(services: dict[str, Any]) -> None:
+    folder = "deploy/grafana/provisioning"
+    (source,) = read(f"{folder}/datasources/prometheus.yml")["datasources"]
+    (provider,) = read(f"{folder}/dashboards/jouleswarm.yml")["providers"]
+    mounts = dict(volume.split(":")[:2] for volume in services["grafana"]["volumes"])
+    assert source["url"] == "http://prometheus:9090"
+    assert mounts["./deploy/grafana/dashboards"] == provider["options"]["path"]
+    assert mounts[f"./{folder}"] == "/etc/grafana/provisioning"
+    dashboard = json.loads((ROOT / "deploy/grafana/dashboards/jouleswarm.json").read_text())
+    sources = {each["datasource"]["uid"] for panel in dashboard["panels"] for each in (panel, *panel["targets"])}
+    assert sources == {source["uid"]}
 
 
 def test_results_are_kept_in_a_volume(compose: dict[str, Any]) -> None:
@@ -215,6 +246,16 @@ def test_the_toy_deployment_starts_the_toy_scenarios_robots_only() -> None:
     assert sorted(services) == sorted(role for role in ROLES if role != "broker")
     for role in started:
         assert services[role]["environment"] == {"JOULESWARM_SCENARIO": "scenarios/toy.toml"}
+
+
+def test_the_toy_deployment_has_no_volumes_of_robots_that_do_not_exist(services: dict[str, Any]) -> None:
+    toy = read("deploy/toy.compose.yml")["services"]
+    left_out = {mount["target"]: mount["type"] for mount in toy["keys"]["volumes"]}
+    assert set(left_out.values()) == {"tmpfs"}
+    # Compose merges volumes by where a container sees them.
+    made = [mount.split(":") for mount in services["keys"]["volumes"]]
+    robots = {target for name, target, *_ in made if name.startswith("keys-agent-") and target not in left_out}
+    assert robots == {f"/handed/agent-{robot}" for robot in load_scenario(ROOT / "scenarios/toy.toml").agents}
 
 
 def test_the_image_runs_as_the_compose_user(services: dict[str, Any]) -> None:

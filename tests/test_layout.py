@@ -19,14 +19,16 @@ FLOORS = (
     {"methods"},
     {"agents", "datacenter", "broker", "metering", "flower", "runs"},
     {"fleet", "report"},
-    {"studies", "chaos"},
+    {"studies", "chaos", "page"},
     {"cli", "simulation"},
     {"__init__", "__main__", "api"},
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 FLOOR_OF["__init__"] = len(FLOORS)  # the face names what stands in api
 # Processes meet on the bus only; who starts them does so by name.
-NEVER = {room: {"agents", "datacenter", "broker"} for room in ("fleet", "chaos", "studies", "report", "runs", "cli")}
+NEVER = {
+    room: {"agents", "datacenter", "broker"} for room in ("fleet", "chaos", "studies", "report", "runs", "page", "cli")
+}
 LIBRARIES = {"broker": {"amqtt"}, "common": {"paho"}}
 
 

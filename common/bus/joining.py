@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
 from jouleswarm.common.allocator import keep_freed_memory
+from jouleswarm.common.bus.address import parse_url
 from jouleswarm.common.bus.credentials import credentials_of
 from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.disk.lock import Lock
@@ -13,11 +15,13 @@ from jouleswarm.common.errors import usable
 from jouleswarm.common.host import same_arithmetic
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.options import Started
-from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.process import ROUNDS_LOG, use_one_thread
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import Presence, encode_json
 from jouleswarm.common.wire.names import client_of
+
+log = logging.getLogger(ROUNDS_LOG)
 
 
 def join(
@@ -49,16 +53,18 @@ def join(
     use_one_thread()
     same_arithmetic(state, arithmetic(), other_processor=started.other_processor)
     keep_freed_memory()
+    patience_s = scenario.bus.connect_timeout_s
     name, task = topics.run_name(started.run or scenario.name), scenario.task_of(agent) if agent else 0
     with usable("--state", state):
         meter = Meter("client", state)
+    log.info("joining run %s at %s; a broker may take up to %g s to come", name, parse_url(started.broker), patience_s)
     bus = MqttBus.connect(
         started.broker,
         client,
         credentials=credentials_of(started.keys, client),
         will=(topics.presence(name, task, agent), encode_json(Presence(agent=agent, state="gone"))),
         keepalive_s=scenario.bus.keepalive_s,
-        connect_timeout_s=scenario.bus.connect_timeout_s,
+        connect_timeout_s=patience_s,
         meter=meter,
     )
     return name, bus

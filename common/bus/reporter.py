@@ -10,6 +10,7 @@ was handed in is kept beside the rows until the whole run is recorded; who has a
 
 from __future__ import annotations
 
+import logging
 import secrets
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, pairwise
@@ -25,6 +26,7 @@ from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow
 from jouleswarm.common.meter.work import WorkRow
+from jouleswarm.common.process import ROUNDS_LOG
 from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.messages import (
     MAX_COUNT,
@@ -36,8 +38,11 @@ from jouleswarm.common.wire.messages import (
     in_pieces,
 )
 from jouleswarm.common.wire.rows import RoundRow
+from jouleswarm.common.wire.told_round import round_line
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import Payload
+
+log = logging.getLogger(ROUNDS_LOG)
 
 PIECE_BYTES = 256 * 1024
 """What a piece of a report is filled to; one holds a row at least."""
@@ -109,6 +114,7 @@ class Reporter:
             with self._file.open("ab") as file:
                 file.write(line + b"\n")
         received = {Link(link): count for link, count in self._bus.meter.totals("in").items()}
+        log.info("%s", round_line(row, received))
         telemetry = Telemetry(row=row, received=received)
         self._bus.publish(topics.telemetry(self._run, row.arm, self._bus.client), encode_json(telemetry))
 

@@ -73,8 +73,11 @@ class StateFile:
             raise disk_error(path, error, len(content)) from error
         self._written = number
 
-    def load(self) -> State | None:
+    def load(self, *, sealed: bool = True) -> State | None:
         """The newest state saved; None if there is none.
+
+        `sealed`: see that the files that it relies on are as they were; without, for who only looks at one that its
+        process goes on from meanwhile.
 
         Raises:
             RunError: it is another owner's, or it or a file that it relies on is not as it was written.
@@ -97,7 +100,7 @@ class StateFile:
             raise self._unfit(str(error)) from error
         if self._owner is not None and metadata["owner"] != self._owner:
             raise self._unfit("it is another scenario's, run's or process's")
-        for name, seal in files.items():
+        for name, seal in files.items() if sealed else ():
             seal.check(self._paths[0].parent / name)
         return State(arrays, values, files)
 

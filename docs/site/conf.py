@@ -27,6 +27,6 @@ def setup(app: Sphinx) -> None:
 
 def from_the_root(app: Sphinx, path: Path, page: str, content: list[str]) -> None:
     """Links of pages that lie a folder above docs/: to each other's pages here, and to what else is there."""
-    led = re.sub(r"\]\((CONTRIBUTING|CHANGELOG)\.md", lambda link: f"]({link[1].lower()}.md", content[0])
-    led = re.sub(r"\]\(docs/", "](", led)
-    content[0] = re.sub(r"\]\((?![\w-]+\.md\b|[a-z]+:|#)", "](../", led)
+    led = re.sub(r"\]\((CONTRIBUTING|CHANGELOG)\.md", lambda link: f"](docs/{link[1].lower()}.md", content[0])
+    led = re.sub(r"\]\((?!docs/|[a-z]+:|#)", "](../", led)
+    content[0] = re.sub(r"\]\(docs/", "](", led)

@@ -9,9 +9,10 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TextIO
 
+from jouleswarm.cli.silence import Silence
 from jouleswarm.common.process import STOPPED, one_line_errors
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ def command_line() -> Iterator[None]:
 
     SIGTERM (a container or a service manager stops a run) and SIGHUP (its terminal is closed) are as Ctrl-C.
     """
-    sys.stdout, sys.stderr = _lasting(sys.stdout), _lasting(sys.stderr)
+    silence = Silence("".join(sys.argv[1:2]), sys.argv[2:])
+    sys.stdout, sys.stderr = _lasting(sys.stdout, silence.end), _lasting(sys.stderr, silence.end)
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as `nohup` has it
             signal.signal(number, signal.default_int_handler)
@@ -38,6 +40,8 @@ def command_line() -> Iterator[None]:
             raise
         print(str(stop) or "stopped", file=sys.stderr)
         raise SystemExit(STOPPED) from None
+    finally:
+        silence.end()
 
 
 def _stop_behind(end: BaseException) -> KeyboardInterrupt | None:
@@ -53,7 +57,12 @@ def _stop_behind(end: BaseException) -> KeyboardInterrupt | None:
 class _Lasting(io.FileIO):
     """Where output goes. When nobody reads it any more it is lost: no reason to end a run of hours."""
 
+    def __init__(self, descriptor: int, before: Callable[[], None]) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._before = before
+
     def write(self, data: Buffer, /) -> int:
+        self._before()
         try:
             return super().write(data)
         except OSError as error:
@@ -67,11 +76,14 @@ class _Lasting(io.FileIO):
         return memoryview(data).nbytes
 
 
-def _lasting(stream: TextIO) -> TextIO:
-    """`stream`, if it is the process's own, with writing that never fails for the reader's or the alphabet's sake."""
+def _lasting(stream: TextIO, before: Callable[[], None]) -> TextIO:
+    """`stream`, if it is the process's own, with writing that never fails for the reader's or the alphabet's sake.
+
+    `before`: called before anything is written.
+    """
     if stream is None or stream not in (sys.__stdout__, sys.__stderr__):
         return stream
     stream.flush()
-    raw = io.BufferedWriter(_Lasting(stream.fileno(), "w", closefd=False))
+    raw = io.BufferedWriter(_Lasting(stream.fileno(), before))
     errors = "replace" if stream is sys.__stdout__ else stream.errors
     return io.TextIOWrapper(raw, encoding=stream.encoding, errors=errors, line_buffering=True)

@@ -16,6 +16,7 @@ from jouleswarm.cli.entry import command_line
 from jouleswarm.cli.help import tell_whole_sentences
 from jouleswarm.cli.keys import keys
 from jouleswarm.cli.meter import meter
+from jouleswarm.cli.page import page
 from jouleswarm.cli.report import audit, report
 from jouleswarm.cli.run import record, run, validate
 from jouleswarm.cli.runs import compare, export, runs
@@ -48,7 +49,7 @@ def _whole(
 
 
 _COMMANDS = (
-    *(scenarios, init, validate, run, record, runs, report, compare, export, bill),
+    *(scenarios, init, validate, run, record, page, runs, report, compare, export, bill),
     *(calibrate, audit, chaos, schema, doctor),
 )
 for command in _COMMANDS:

@@ -192,6 +192,9 @@ def watch(
         jouleswarm meter watch runs/RUN --set energy.ul_bit_per_j=500e3
         jouleswarm meter watch runs/RUN --by +round
     """
+    from jouleswarm.cli.options import must_exist
+
+    must_exist("what `jouleswarm meter` writes:", folder / "manifest.json")
     from jouleswarm.report.metered import watch as show
 
     show(folder, energy, set_ or (), by=by, once=once)

@@ -78,6 +78,25 @@ MetricsPort = Annotated[
         min=0, max=65535, envvar="JOULESWARM_METRICS_PORT", help="Serve Prometheus metrics of the run; 0: a free port."
     ),
 ]
+MetricsHost = Annotated[
+    str, typer.Option(envvar="JOULESWARM_METRICS_HOST", help="Address that metrics are served on; 0.0.0.0: on all.")
+]
+Tensorboard = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        envvar="JOULESWARM_TENSORBOARD",
+        help="Write TensorBoard's event files into DIR/RUN/ARM while it runs.",
+    ),
+]
+Mlflow = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URI",
+        envvar="JOULESWARM_MLFLOW",
+        help="Log to MLflow while it runs: a server's address, or sqlite:///mlflow.db.",
+    ),
+]
 Durable = Annotated[
     bool,
     typer.Option("--durable", help="Have each round on the disk: --resume works after a power failure too."),
@@ -91,6 +110,9 @@ Rounds = Annotated[
 KeepState = Annotated[
     bool,
     typer.Option("--keep-state", help="Keep how each arm ends: --resume can then go on with more rounds (--set)."),
+]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser too, on this machine alone; stays until Ctrl-C.")
 ]
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from jouleswarm.cli.document import JsonOption, print_document
+from jouleswarm.cli.followers import followed
 from jouleswarm.cli.options import (
     SCENARIO,
     Details,
@@ -17,7 +18,9 @@ from jouleswarm.cli.options import (
     EnergyFile,
     KeepState,
     Measured,
+    MetricsHost,
     MetricsPort,
+    Mlflow,
     Out,
     Restarts,
     Resume,
@@ -25,12 +28,15 @@ from jouleswarm.cli.options import (
     RunId,
     ScenarioFile,
     Seed,
+    ShowPage,
+    Tensorboard,
     overrides,
 )
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
-if TYPE_CHECKING:
-    from jouleswarm.fleet.recording import Viewing
+_Broker = Annotated[
+    str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+]
 
 
 def _present(path: Path, figures: bool, details: bool) -> None:
@@ -38,17 +44,8 @@ def _present(path: Path, figures: bool, details: bool) -> None:
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
+        typer.echo("all is recorded: pricing it" + (", then drawing figures and report.html" if figures else ""))
         print_bill(path, details=details, html=figures, figures=figures)
-
-
-def _viewing(metrics_port: int | None) -> Viewing:
-    from jouleswarm.report.view import View
-
-    if metrics_port is None:
-        return View
-    from jouleswarm.fleet.metrics import with_metrics
-
-    return with_metrics(metrics_port, View)
 
 
 def run(
@@ -59,9 +56,7 @@ def run(
     measure: Measured = False,
     out: Out = Path("runs"),
     run_id: RunId = None,
-    broker: Annotated[
-        str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
-    ] = None,
+    broker: _Broker = None,
     keys: KeysOption = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
     resume: Resume = None,
@@ -72,7 +67,10 @@ def run(
     rounds: Rounds = None,
     keep_state: KeepState = False,
     metrics_port: MetricsPort = None,
+    tensorboard: Tensorboard = None,
+    mlflow: Mlflow = None,
     details: Details = False,
+    page: ShowPage = False,
 ) -> None:
     """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
 
@@ -82,8 +80,9 @@ def run(
     from jouleswarm.common.scenario.reading import energy_file, load_scenario
     from jouleswarm.fleet.deploy import Options, new_run_id, resume_deployment, run_deployment
     from jouleswarm.fleet.more_rounds import with_more_rounds
+    from jouleswarm.report.view import View
+    from jouleswarm.runs.files import read_manifest
 
-    started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=_viewing(metrics_port))
     if (scenario is None) == (resume is None):
         raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
     if scenario is not None and dry:
@@ -91,16 +90,23 @@ def run(
         return
     if dry or rounds is not None:
         raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
-    if scenario is None:
-        assert resume is not None
-        if seed is not None or run_id is not None or energy is not None or measure:
-            raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
-        more = with_more_rounds(resume, set_) if set_ else None
-        _present(resume_deployment(resume, Console(), started, more), figures, details)
-        return
+    if scenario is None and (seed is not None or run_id is not None or energy is not None or measure):
+        raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
-    settings = load_scenario(scenario, changes)
-    _present(run_deployment(settings, run_id or new_run_id(settings), out, Console(), started), figures, details)
+    settings = None if scenario is None else load_scenario(scenario, changes)
+    _ = resume and read_manifest(resume)
+    from jouleswarm.page.beside import page_beside  # heavy
+
+    name = "" if settings is None else run_id or new_run_id(settings)
+    where = resume or out / name
+    with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
+        started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=also.beside(View))
+        if settings is None:
+            resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
+        else:
+            run_deployment(settings, name, out, Console(), started)
+        also.end(where)
+        _present(where, figures, details)
 
 
 def validate(
@@ -138,6 +144,9 @@ def record(
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
     metrics_port: MetricsPort = None,
+    metrics_host: MetricsHost = "127.0.0.1",
+    tensorboard: Tensorboard = None,
+    mlflow: Mlflow = None,
     details: Details = False,
 ) -> None:
     """Record a run whose processes are started by hand or by Docker Compose, then present the bill.
@@ -147,7 +156,11 @@ def record(
     """
     from jouleswarm.common.scenario.reading import load_scenario
     from jouleswarm.fleet.recording import record_deployment
+    from jouleswarm.report.view import View
 
-    settings, view = load_scenario(scenario, overrides(set_, seed)), _viewing(metrics_port)
-    path = record_deployment(settings, run_id or settings.name, out, broker, Console(), ready_file, keys, view)
-    _present(path, figures, details)
+    settings = load_scenario(scenario, overrides(set_, seed))
+    with followed(metrics_port, tensorboard, mlflow, metrics_host) as also:
+        view, run_ = also.beside(View), run_id or settings.name
+        path = record_deployment(settings, run_, out, broker, Console(), ready_file, keys, view)
+        also.end(path)
+        _present(path, figures, details)

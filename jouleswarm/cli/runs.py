@@ -121,10 +121,12 @@ def export(
     """
     folder = out / run_directory.resolve().name
     if to in (Target.CSV, Target.PARQUET):
-        from jouleswarm.report.exported import write_tables
         from jouleswarm.report.opened import load
 
-        for path in write_tables(load(run_directory), folder, "parquet" if to is Target.PARQUET else "csv"):
+        found = load(run_directory)
+        from jouleswarm.report.exported import write_tables  # heavy
+
+        for path in write_tables(found, folder, "parquet" if to is Target.PARQUET else "csv"):
             print(f"wrote {path}")
         return
     from jouleswarm.runs.run import load_run

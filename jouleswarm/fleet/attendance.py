@@ -52,6 +52,14 @@ class Attendance:
             return False
         return self.elapsed_s - since_s > settings.missing_after_s
 
+    def state(self, client: str, has_all_of: Collection[str]) -> str:
+        """`awaited`, `here`, `gone`, or `done`: it has handed in all."""
+        if client in has_all_of and client not in self._again:
+            return "done"
+        if client in self._gone:
+            return "gone"
+        return "here" if client in self.stages else "awaited"
+
     def is_back(self, client: str) -> None:
         """It has said something: it is there, and has got on."""
         self._gone.pop(client, None)

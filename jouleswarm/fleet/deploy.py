@@ -7,7 +7,9 @@ import resource
 import secrets
 import shutil
 import subprocess
-from contextlib import ExitStack
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,18 +30,20 @@ from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.more_rounds import MoreRounds, has_ends
 from jouleswarm.fleet.packages import command_of
-from jouleswarm.fleet.recorder import CLIENT
-from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, watch
+from jouleswarm.fleet.recorder import CLIENT, Recorder
+from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, shown, watch
 from jouleswarm.fleet.resume import check_is_there
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
 from jouleswarm.runs.directory import MANIFEST, STATE, RunDirectory, computed_on
+from jouleswarm.runs.events import Event, note_event
 from jouleswarm.runs.files import other_version, run_manifest
 from jouleswarm.runs.traffic import DATA_CENTER
 
 _BROKER_FILES = 16  # beside one a client
 RESTARTS = 20
 _WAIT_FOR_CHILDREN_S = 10.0
+_GLANCE_S = 0.01
 
 
 def new_run_id(scenario: Scenario) -> str:
@@ -174,7 +178,7 @@ def _deploy(
     with ExitStack() as stack:
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
-        told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+        told = partial(_tell, console, directory.path)
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
@@ -184,7 +188,7 @@ def _deploy(
             )
         )
         if scenario.measure.energy:
-            told(how_measured(scenario.measure))
+            console.print(how_measured(scenario.measure), highlight=False, markup=False, soft_wrap=True)
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
         stack.callback(broker_log.show)
         url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
@@ -194,8 +198,10 @@ def _deploy(
         )
         recorder = stack.enter_context(recorder_at_work)
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
+        show = stack.enter_context(shown(options.view, console, scenario, recorder))
+        launcher.meanwhile = partial(_look, recorder, show)
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
-        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state"]
+        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state", "--quiet"]
         common += ["--durable"] if options.durable else []
         common += ["--other-processor"] if options.other_processor else []
         common += ["--keep-ends"] if keeps_ends else []
@@ -204,9 +210,22 @@ def _deploy(
         for agent in scenario.agents:
             name = f"agent-{agent}"
             launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        watch(scenario, recorder, console, options.view, launcher, intruder, broker_log)
+        watch(recorder, show, launcher, intruder, broker_log)
     if not keeps_ends:
         shutil.rmtree(state)
+
+
+def _look(recorder: Recorder, show: Callable[[], None]) -> None:
+    """Who has come by now, while others are still being started."""
+    recorder.pump(_GLANCE_S)
+    show()
+
+
+def _tell(console: Console, run: Path, line: str) -> None:
+    """What happened, to who looks on now and to who looks later."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
+    with suppress(OSError):  # nobody's bill is of it: no reason to end a run
+        note_event(run, Event(time_s=round(time.time(), 3), text=line))
 
 
 def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:

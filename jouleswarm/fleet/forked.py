@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from multiprocessing.connection import wait
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from jouleswarm.fleet.packages import command_of
 
 _START_S = 600.0  # it loads torch first, on a slow disk perhaps
 _END_S = 10.0
+_LOOK_S = 0.2
 
 
 class Forked:
@@ -69,8 +71,8 @@ class ForkServer:
                 start_new_session=True,
             )
 
-    def start(self, order: Order) -> Forked:
-        """Have a process started.
+    def start(self, order: Order, meanwhile: Callable[[], None] = lambda: None) -> Forked:
+        """Have a process started; `meanwhile` is called again and again until it has begun: libraries take seconds.
 
         Raises:
             RunError: the server is gone, or does not answer.
@@ -79,7 +81,8 @@ class ForkServer:
             self._socket.sendall(json.dumps(order).encode() + b"\n")
         deadline_s = time.monotonic() + _START_S
         while not self._begun and not self.is_gone and (left_s := deadline_s - time.monotonic()) > 0:
-            self.listen(left_s)
+            self.listen(min(left_s, _LOOK_S))
+            meanwhile()
         if not self._begun:
             raise RunError(f"no process could be started: {self.told_end()}")
         return self._begun.pop()

@@ -41,6 +41,8 @@ class Launcher:
         Then that is an error, unless the others go on without it: `may_miss`.
         """
         self._logs, self._restarts, self._told, self._may_miss = logs, restarts, told, may_miss
+        self.meanwhile: Callable[[], None] = lambda: None
+        """Called again and again while a process is started."""
         self._missed: set[str] = set()
         logs.mkdir(parents=True, exist_ok=True)
         self._broker: subprocess.Popen[str] | None = None
@@ -115,7 +117,7 @@ class Launcher:
         """
         if self._server is None:
             self._server = ForkServer(self._log(_FORK_SERVER))
-        self._children[name] = self._server.start(Order(module, arguments, str(self._log(name))))
+        self._children[name] = self._server.start(Order(module, arguments, str(self._log(name))), self.meanwhile)
         self._commands[name] = module, arguments
 
     def check(self) -> None:

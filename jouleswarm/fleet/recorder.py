@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -19,13 +21,12 @@ from jouleswarm.common.wire.messages import Acknowledgement, Presence, decode_js
 from jouleswarm.common.wire.names import client_of, clients_of
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.saved_models import check_model
-from jouleswarm.energy.facts import Counts
 from jouleswarm.fleet.admission import check_report, check_row, learned_name, snapshot_name
 from jouleswarm.fleet.attendance import Attendance
 from jouleswarm.fleet.broker_counters import CLIENTS, BrokerCounters
 from jouleswarm.fleet.handed_in import HandedIn
+from jouleswarm.fleet.spent import Spent
 from jouleswarm.runs.directory import RunDirectory
-from jouleswarm.runs.facts import gradient_counts
 from jouleswarm.runs.summary import summarise
 from jouleswarm.runs.traffic import DATA_CENTER
 
@@ -46,9 +47,9 @@ class Recorder:
         """`state`: folder with a folder of each process's counters, for those that hand in none."""
         self._state = state
         self._bus, self._scenario, self._run, self._directory = bus, scenario, run, directory
+        self.run = run
         self._progress_at = 0.0
         self._reports = HandedIn()
-        self._received: dict[str, dict[topics.Link, int]] = {}
         self._processors: dict[str, str] = {}
         self._attendance = Attendance(bus, scenario, run)
         self._listener = Listener(bus, scenario.bus.resend_after_s)
@@ -67,9 +68,9 @@ class Recorder:
             topics.meter_report(run, "+"),
             topics.presence(run, "+", "+"),
         ]
-        self.newest: dict[tuple[str, int, int], RoundRow] = {}
-        self.gradients: dict[str, Counts] = {}
-        """By arm: batch gradients that have been told of since the recorder began to listen."""
+        self.newest = {(row.arm, row.task, row.agent): row for row in directory.rows}
+        self.on_row: Callable[[RoundRow], None] = lambda row: None
+        self.spent = Spent(scenario, resumed=bool(directory.rows))
         self._broker = BrokerCounters(self._listener, run, scenario.bus)
         self._broker.begin(state and state / CLIENT, scenario.federation.give_up_after_s)
         bus.subscribe(*self._filters)
@@ -99,13 +100,15 @@ class Recorder:
         return self._attendance.waits(self.waiting_for)
 
     @property
+    def robots(self) -> Counter[str]:
+        """How many robots are awaited, here, gone and done."""
+        whole, there = self._reports.whole, self._attendance
+        return Counter(there.state(client, whole) for client in clients_of(self._scenario.agents))
+
+    @property
     def received_bytes(self) -> dict[str, int]:
         """Payload bytes that all clients have received so far, by link class."""
-        totals = {link.value: 0 for link in topics.Link}
-        for received in self._received.values():
-            for link, count in received.items():
-                totals[link] = totals.get(link, 0) + count
-        return totals
+        return self.spent.received
 
     @property
     def rows(self) -> list[RoundRow]:
@@ -238,10 +241,9 @@ class Recorder:
         row = telemetry.row
         check_row(row, client, self._scenario)
         self._directory.round(row, time.time())
-        if (before := self.newest.get((row.arm, row.task, row.agent))) is None or row.round > before.round:
-            self.gradients[row.arm] = self.gradients.get(row.arm, Counts()) + gradient_counts([row])
         self.newest[row.arm, row.task, row.agent] = row
-        self._received[client] = telemetry.received
+        self.on_row(row)
+        self.spent.take(row, telemetry.received)
         self._attendance.is_back(client)
         if self.elapsed_s - self._progress_at >= _PROGRESS_EVERY_S:
             self._progress_at = self.elapsed_s

@@ -84,7 +84,7 @@ def record_deployment(
         if ready_file is not None:
             with usable("--ready-file", ready_file):
                 ready_file.touch()
-        watch(scenario, recorder, console, view)
+        watch(recorder, stack.enter_context(shown(view, console, scenario, recorder)))
     return directory.path
 
 
@@ -124,6 +124,9 @@ def recording(
         described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
     directory.doors(scenario.files)
     directory.manifest(described)
+    if not embedded:
+        told = f"joining {parse_url(url)}; a broker may take up to {scenario.bus.connect_timeout_s:g} s to come"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
     bus = MqttBus.connect(
         url,
         CLIENT,
@@ -155,24 +158,30 @@ def recording(
             console.print(f"no final counters from the broker: {error}", highlight=False, markup=False, soft_wrap=True)
 
 
+@contextlib.contextmanager
+def shown(
+    viewing: Viewing | None, console: Console, scenario: Scenario, recorder: Recorder
+) -> Iterator[Callable[[], None]]:
+    """What shows how a run stands now; of no view it shows nothing."""
+    with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
+        yield (lambda: None) if view is None else view.update
+
+
 def watch(
-    scenario: Scenario,
     recorder: Recorder,
-    console: Console,
-    viewing: Viewing | None,
+    show: Callable[[], None],
     launcher: Launcher | None = None,
     intruder: Intruder | None = None,
     broker_log: BrokerLog | None = None,
 ) -> None:
-    with contextlib.nullcontext() if viewing is None else viewing(console, scenario, recorder) as view:
-        while recorder.waiting_for:
-            recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
-            recorder.check()
-            if launcher is not None:
-                launcher.check()
-            if intruder is not None:
-                intruder.tick()
-            if broker_log is not None:
-                broker_log.show()
-            if view is not None:
-                view.update()
+    """Until all have handed in what they counted."""
+    while recorder.waiting_for:
+        recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
+        recorder.check()
+        if launcher is not None:
+            launcher.check()
+        if intruder is not None:
+            intruder.tick()
+        if broker_log is not None:
+            broker_log.show()
+        show()

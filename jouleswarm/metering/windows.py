@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.meter.tally import MOST_ROWS, Direction, Kind, Row
@@ -75,6 +75,19 @@ class Windows:
             for place, counts in held.items():
                 _book(into, place, counts)
         self._held, self._window_s = merged, 2 * self._window_s
+
+
+def joined(windows: Sequence[Window], most: int) -> list[Window]:
+    """The same time in so many windows at most, of several each; those in which nothing passed are left out."""
+    if not windows:
+        return []
+    begin_s, window_s = windows[0].begin_s, windows[0].window_s
+    several = 1 + round((windows[-1].begin_s - begin_s) / window_s) // most
+    found: dict[int, list[Row]] = {}
+    for window in windows:
+        found.setdefault(round((window.begin_s - begin_s) / window_s) // several, []).extend(window.rows)
+    step_s = several * window_s
+    return [Window(begin_s + number * step_s, step_s, rows) for number, rows in found.items()]
 
 
 def _place(row: Row) -> _Place:

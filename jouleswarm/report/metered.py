@@ -20,6 +20,7 @@ from jouleswarm.energy.prices import price_lists
 from jouleswarm.energy.rows import BESIDE
 from jouleswarm.metering.cost import Cost, cost_of
 from jouleswarm.metering.metered import Metered, load_metered
+from jouleswarm.metering.windows import joined
 from jouleswarm.metering.written import unmatched
 from jouleswarm.report.format import bytes_text, joules_text
 from jouleswarm.report.table import Cell, Table, terminal
@@ -38,10 +39,10 @@ def metered_tables(metered: Metered, tariff: Tariff) -> list[Table]:
     """Messages and payload bytes that were sent and that clients got, bytes of both in whole packets, and joules: by
     link and rule, client, phase, label and time; a table of one row only by rule."""
     cost = cost_of(metered, tariff)
-    rows = _published(metered)
+    rows = published(metered)
     by_rule = sorted(rows, key=lambda row: row.number or len(rows) + 1)
     told = [
-        _table("By link and rule", "link: rule", _grouped(by_rule, _rule), cost)._replace(notes=_notes(metered)),
+        _table("By link and rule", "link: rule", _grouped(by_rule, _rule), cost)._replace(notes=metered_notes(metered)),
         *(_dearest(name, _grouped(rows, of), cost) for name, of in _sorts(rows).items()),
         _table("By time", "from (UTC)", _by_time(metered), cost),
     ]
@@ -54,10 +55,10 @@ def sorted_table(metered: Metered, tariff: Tariff, what: str) -> Table:
     Raises:
         ConfigurationError: there is no such thing in what was counted.
     """
-    sorts = _sorts(_published(metered))
+    sorts = _sorts(published(metered))
     if what not in sorts:
         raise ConfigurationError(f"by {what!r}: expected one of {', '.join(sorts)}")
-    return _dearest(what, _grouped(_published(metered), sorts[what]), cost_of(metered, tariff))
+    return _dearest(what, _grouped(published(metered), sorts[what]), cost_of(metered, tariff))
 
 
 def watched_table(metered: Metered, tariff: Tariff) -> Table:
@@ -67,7 +68,7 @@ def watched_table(metered: Metered, tariff: Tariff) -> Table:
         ConfigurationError: as `cost_of`.
     """
     cost = cost_of(metered, tariff)
-    held = _published(metered)
+    held = published(metered)
     most = sorted(held, key=lambda row: -row.packet_bytes)[:_MOST_PRICED]
     costs = sorted(((cost([row]), row) for row in most), key=lambda each: (-each[0], -each[1].packet_bytes))
     cells = [_watched(row, cost_j) for cost_j, row in costs[:_MOST_SHOWN]]
@@ -108,7 +109,8 @@ def _rule(row: Row) -> str:
     return f"{row.link}: {row.rule or 'no rule'}"
 
 
-def _published(metered: Metered) -> list[Row]:
+def published(metered: Metered) -> list[Row]:
+    """Messages, and nothing of control."""
     return [row for row in metered.rows if row.kind == "publish"]
 
 
@@ -117,10 +119,15 @@ def _sorts(rows: Iterable[Row]) -> dict[str, Callable[[Row], str]]:
     labels = sorted(set(chain.from_iterable(row.labels for row in rows)))
     by_label = {f"+{label}": partial(_labelled, label) for label in labels}
     return {
-        "client": lambda row: "" if row.topic.startswith(TOPIC) else row.client or "no id",
+        "client": client_name,
         "phase": lambda row: row.phase,
         **by_label,
     }
+
+
+def client_name(row: Row) -> str:
+    """Of a row, "" of what a client tells of itself."""
+    return "" if row.topic.startswith(TOPIC) else row.client or "no id"
 
 
 def _labelled(label: str, row: Row) -> str:
@@ -145,15 +152,10 @@ def _dearest(what: str, groups: _Groups, cost: Cost) -> Table:
 
 def _by_time(metered: Metered) -> dict[str, list[Row]]:
     """Some twenty windows at most, of several of the meter's own each where it has more."""
-    if not metered.windows:
-        return {}
-    begin_s, window_s = metered.windows[0].begin_s, metered.windows[0].window_s
-    step_s = window_s * (1 + int((metered.windows[-1].begin_s - begin_s) / window_s) // _MOST_SHOWN)
     groups: dict[str, list[Row]] = {}
-    for window in metered.windows:
-        at_s = begin_s + step_s * round((window.begin_s - begin_s) // step_s)
-        at = datetime.datetime.fromtimestamp(at_s, datetime.UTC)
-        groups.setdefault(f"{at:%m-%d %H:%M:%S}", []).extend(row for row in window.rows if row.kind == "publish")
+    for window in joined(metered.windows, _MOST_SHOWN):
+        at = datetime.datetime.fromtimestamp(window.begin_s, datetime.UTC)
+        groups[f"{at:%m-%d %H:%M:%S}"] = [row for row in window.rows if row.kind == "publish"]
     return groups
 
 
@@ -172,7 +174,7 @@ def _sums(rows: Sequence[Row]) -> Iterator[Cell]:
     yield sum(row.repeats for row in rows)
 
 
-def _notes(metered: Metered) -> list[str]:
+def metered_notes(metered: Metered) -> list[str]:
     """What is no message of any rule, and rules that nothing came to."""
     never = unmatched(metered.rows, metered.rules)
     notes = [f"{rule.text} ({rule.priced.link}), line {rule.line}: matched nothing (0 messages)" for rule in never]

@@ -1,65 +1,54 @@
-"""The live view of a run: where every cluster stands, and what it has cost so far."""
+"""The live view of a run: what it does now, for how long still, where every cluster stands, and the joules so far."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 from rich import live
-from rich.console import Console, Group, RenderableType
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
+from rich.console import Console, RenderableType
 
-from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.common.wire.rows import RoundRow
-from jouleswarm.common.wire.topics import Link
-from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.energy.facts import STAGE, Counts, Facts
+from jouleswarm.energy.bill import Bill
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList, own_lists, price, price_lists
-from jouleswarm.report.arms import label, method_label
+from jouleswarm.energy.prices import own_lists, price_lists
+from jouleswarm.report.format import joules_text
+from jouleswarm.report.pace import Left, Mark, Pace, arm_left_s, left_text, most_left_s, stage_left_s
+from jouleswarm.report.sections import Standing, screen
+from jouleswarm.report.standing import (
+    Live,
+    bill_so_far,
+    clusters,
+    is_over,
+    pays_for_stage,
+    phase,
+    stage_round,
+    waits,
+)
 
 _LINE_EVERY_S = 10.0
-_WAITS_SHOWN = 3
-
-
-class Live(Protocol):
-    """What is known of a run while it goes on; the recorder knows."""
-
-    @property
-    def elapsed_s(self) -> float:
-        """Since the run began, seconds."""
-
-    @property
-    def newest(self) -> Mapping[tuple[str, int, int], RoundRow]:
-        """(arm, task, agent) -> its newest row."""
-
-    @property
-    def received_bytes(self) -> Mapping[str, int]:
-        """Link class -> payload bytes that have been received."""
-
-    @property
-    def waits(self) -> Sequence[str]:
-        """What lasts, the longest first, a line each."""
+_SCREEN_EVERY_S = 0.25
+_WAITS_IN_LINE = 1
 
 
 class View:
-    """Context manager; call `update` now and then. On a pipe it prints a line every few seconds instead."""
+    """Context manager; call `update` now and then. Where there is no terminal it prints a line every few seconds."""
 
     def __init__(self, console: Console, scenario: Scenario, recorder: Live) -> None:
         self._console, self._scenario, self._recorder = console, scenario, recorder
         lists = price_lists(scenario)
-        self._lists = [*([literal] if literal in lists else []), *own_lists(lists)]
-        self._live = live.Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
-        self._line_at = time.monotonic()
+        self._main = literal if literal in lists else next(iter(own_lists(lists)), literal)
+        self._others = [each for each in own_lists(lists) if each is not self._main]
+        self._since = "so far" if not recorder.newest else "since it went on"
+        self._pace = Pace()
+        self._live = live.Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+        self._shown_s = float("-inf")
 
     def __enter__(self) -> View:
         if self._live:
             self._live.start()
+        else:
+            self._say(legend(self._scenario))
+        self.update()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -68,119 +57,98 @@ class View:
 
     def update(self) -> None:
         """Show the newest state."""
+        self._note()
+        now_s = time.monotonic()
+        if now_s - self._shown_s < (_SCREEN_EVERY_S if self._live else _LINE_EVERY_S):
+            return
+        self._shown_s = now_s
         if self._live:
-            self._live.update(self.render())
-        elif time.monotonic() - self._line_at >= _LINE_EVERY_S:
-            self._line_at = time.monotonic()
-            self._console.print(self.line(), highlight=False)
+            self._live.update(self.render(), refresh=True)
+        else:
+            self._say(self.line())
 
     def line(self) -> str:
         """One line for logs."""
-        parts = [f"{self._recorder.elapsed_s:5.0f} s"]
-        for method in self._scenario.meta_methods:
-            parts.append(f"{method_label(self._scenario, method)} {self._meta_round(method)}/{self._scenario.meta.t0}")
-        for arm in self._scenario.arm_names:
-            rounds = {task: self._cluster(arm, task) for task in self._scenario.clusters}
-            told = [f"{task}:{_short(row)}" for task, row in rounds.items() if row]
-            if told:
-                parts.append(f"{arm} done" if self._is_over(arm) else f"{arm} " + " ".join(told))
-        moved = self._recorder.received_bytes
-        parts.append(" ".join(f"{link} {count / 1e6:.1f} MB" for link, count in moved.items() if count))
-        return " | ".join([*parts, *self._waits()])
+        scenario, heard = self._scenario, self._recorder
+        parts = [f"{heard.elapsed_s:5.0f} s", phase(scenario, heard)]
+        arm = next((arm for arm in scenario.arms if not is_over(scenario, heard, arm.name)), None)
+        if arm is not None and (known := clusters(scenario, heard, arm.name)):
+            parts.append("R " + " ".join(f"{each.task}:{_short(each.reward, each.learned)}" for each in known))
+        if (bill := self._whole(self._bills())) is not None and bill.total_j:
+            cause, most = max(bill.both.by_cause.items(), key=lambda each: each[1])
+            parts.append(f"{joules_text(bill.total_j)}, {100 * most / bill.total_j:.0f}% {cause.label}")
+        if heard.spent.counts:
+            parts.append(left_text(*self._left()))
+        return " | ".join([*parts, *waits(scenario, heard)[:_WAITS_IN_LINE]])
 
     def render(self) -> RenderableType:
-        """The whole view."""
-        title = Text(f"{self._scenario.name}, seed {self._scenario.seed}: {self._recorder.elapsed_s:.0f} s")
-        return Group(title, self._stages(), self._links(), *(Text(wait, "yellow") for wait in self._waits()))
+        """The whole view, as much of it as fits the terminal."""
+        bills = self._bills()
+        others = {
+            each.label: [bill_so_far(self._scenario, self._recorder, arm, each) for arm in self._scenario.arms]
+            for each in self._others
+        }
+        standing = Standing(
+            scenario=self._scenario,
+            heard=self._recorder,
+            left=left_text(*self._left()),
+            bills=bills,
+            whole=self._whole(bills),
+            others={name: self._whole(dict(zip(bills, held, strict=True))) for name, held in others.items()},
+            first={key: span.first.reward for key, span in self._pace.spans.items()},
+            since=self._since,
+        )
+        # One line is the cursor's: a live display as high as the terminal would scroll.
+        return screen(standing, self._console, self._console.height - 1)
 
-    def _waits(self) -> list[str]:
-        """What lasts, the longest first."""
-        waits = self._recorder.waits
-        more = len(waits) - _WAITS_SHOWN
-        return [*waits[:_WAITS_SHOWN], *([f"and {more} more wait"] if more > 0 else [])]
+    def _bills(self) -> dict[str, Bill | None]:
+        return {arm.name: bill_so_far(self._scenario, self._recorder, arm, self._main) for arm in self._scenario.arms}
 
-    def _stages(self) -> Table:
-        table = Table("phase", "task", "round", "R", "", box=None, pad_edge=False)
-        t0 = self._scenario.meta.t0
-        for method in self._scenario.meta_methods:
-            done = self._meta_round(method)
-            bar = ProgressBar(total=t0, completed=done, width=30)
-            table.add_row(f"data center: {method_label(self._scenario, method)}", "all", f"{done}/{t0}", "", bar)
+    def _whole(self, bills: dict[str, Bill | None]) -> Bill | None:
+        """All arms together; a stage that several start from was there once."""
+        whole = Bill()
         for arm in self._scenario.arms:
-            if self._is_over(arm.name):
-                self._add_result(table, arm)
-            else:
-                self._add_clusters(table, arm)
-        return table
+            if (bill := bills[arm.name]) is None:
+                return None
+            whole += bill if pays_for_stage(self._scenario, arm) else Bill(fl=bill.fl)
+        return whole
 
-    def _add_clusters(self, table: Table, arm: Arm) -> None:
-        target = self._scenario.federation.target_reward
-        for task in self._scenario.clusters:
-            row = self._cluster(arm.name, task)
-            if row is None:
-                continue
-            reward = row.cluster_reward
-            state: RenderableType = ProgressBar(total=target, completed=max(0.0, reward or 0.0), width=30)
-            if row.learned is not None:
-                state = Text("learned", "green") if row.learned else Text("not learned", "red")
-            shown = "" if reward is None else f"{reward:.1f}"
-            table.add_row(label(self._scenario, arm), str(task), str(row.round), shown, state)
+    def _note(self) -> None:
+        heard, scenario = self._recorder, self._scenario
+        at_s = heard.elapsed_s
+        for method in scenario.meta_methods:
+            if round_ := stage_round(heard, method):
+                self._pace.note(method, 0, Mark(at_s, round_))
+        for arm in scenario.arms:
+            for each in clusters(scenario, heard, arm.name):
+                mark = Mark(at_s, each.round, each.reward, each.learned is not None)
+                self._pace.note(arm.name, each.task, mark)
 
-    def _add_result(self, table: Table, arm: Arm) -> None:
-        """One row for all tasks of an arm that is over, so that many arms fit a screen."""
-        ends = [self._rows(arm.name, task) for task in self._scenario.clusters]
-        rounds = sum(max(row.round for row in rows) for rows in ends)
-        learned = sum(all(row.learned for row in rows) for rows in ends)
-        text = Text(f"{learned} of {len(ends)} learned", "green" if learned == len(ends) else "red")
-        table.add_row(label(self._scenario, arm), "all", f"sum {rounds}", "", text)
+    def _left(self) -> tuple[Left, str]:
+        scenario, spans, limits = self._scenario, self._pace.spans, self._scenario.federation
+        arms = [arm for arm in scenario.arms if not is_over(scenario, self._recorder, arm.name)]
+        if not arms:
+            return Left(None, None), "arm"
+        most_s = most_left_s(scenario, arms, spans)
+        if arms[0].t0 and stage_round(self._recorder, arms[0].method) < scenario.meta.t0:
+            return Left(stage_left_s(spans.get((arms[0].method, 0)), scenario.meta.t0), most_s), "stage"
+        here = [span for (arm, task), span in spans.items() if arm == arms[0].name and task]
+        here_s = arm_left_s(here, len(scenario.clusters), limits.target_reward, limits.max_rounds)
+        return Left(here_s, most_s), "arm"
 
-    def _links(self) -> Table:
-        headings = ["J so far" if each is literal else f"J so far, {each.label}" for each in self._lists]
-        table = Table("received over", "MB", *headings, box=None, pad_edge=False)
-        for link, count in self._recorder.received_bytes.items():
-            joules = (self._joules_text(each, Link(link), count) for each in self._lists)
-            table.add_row(link, f"{count / 1e6:,.1f}", *joules)
-        return table
-
-    def _joules_text(self, prices: PriceList, link: Link, count: int) -> str:
-        energy = self._scenario.energy
-        if link == Link.CONTROL:
-            return "not priced"
-        if link == Link.SIDELINK and energy.sidelink != "direct":  # they also depend on what is sent
-            return "at the end"
-        counts = Counts(**{f"{link}_bytes": count})
-        try:
-            bill = price(prices, Facts("", "", t0=0, parts={("fl", STAGE): counts}), energy)
-        except ConfigurationError:  # told with the bill; a view never ends a run
-            bill = None
-        return "at the end" if bill is None else f"{bill.total_j:,.0f}"
-
-    def _meta_round(self, method: str) -> int:
-        newest = self._recorder.newest.items()
-        rounds = (row.round for (arm, _, agent), row in newest if (arm, agent, row.phase) == (method, 0, RowPhase.ML))
-        return max(rounds, default=0)
-
-    def _rows(self, arm: str, task: int) -> list[RoundRow]:
-        """The newest row of each robot of a cluster that has begun to learn."""
-        rows = (self._recorder.newest.get((arm, task, agent)) for agent in self._scenario.cluster(task))
-        return [row for row in rows if row is not None and row.phase == RowPhase.FL]
-
-    def _is_over(self, arm: str) -> bool:
-        return all(
-            len(rows) == len(cluster) and all(row.learned is not None for row in rows)
-            for task, cluster in self._scenario.clusters.items()
-            for rows in [self._rows(arm, task)]
-        )
-
-    def _cluster(self, arm: str, task: int) -> RoundRow | None:
-        """Where a cluster stands: at its slowest robot; one that is done does not hide one that is not."""
-        return min(
-            self._rows(arm, task),
-            key=lambda row: (row.learned is not None, bool(row.learned), row.round),
-            default=None,
-        )
+    def _say(self, line: str) -> None:
+        self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _short(row: RoundRow) -> str:
-    done = {None: "", True: "+", False: "-"}[row.learned]
-    return f"{row.round}{done}" + ("" if row.cluster_reward is None else f"({row.cluster_reward:.0f})")
+def legend(scenario: Scenario) -> str:
+    """What a line for logs is made of; told once, before the first."""
+    target = scenario.federation.target_reward
+    return (
+        f"a line every {_LINE_EVERY_S:g} s: seconds | what is done | R of each task, learned from {target:g} on, "
+        "+ learned, - not | joules so far, and most of them for what | time left"
+    )
+
+
+def _short(reward: float | None, learned: bool | None) -> str:
+    """`23`, `51+`, `-4-`: R, and how it ended."""
+    return ("?" if reward is None else f"{reward:.0f}") + {None: "", True: "+", False: "-"}[learned]

@@ -104,7 +104,7 @@ def test_what_cannot_be_gone_on_with_is_told_as_that(make: Any, told: str, tmp_p
 
 def test_output_that_nobody_reads_is_lost_and_ends_nothing() -> None:
     reading, writing = os.pipe()
-    outlet = entry._Lasting(writing, "w")
+    outlet = entry._Lasting(writing, lambda: None)
     os.close(reading)
     assert outlet.write(b"lost") == 4
     assert outlet.write(b"also") == 4
@@ -114,5 +114,5 @@ def test_output_that_nobody_reads_is_lost_and_ends_nothing() -> None:
 def test_letters_that_a_terminal_does_not_have_are_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with (tmp_path / "latin").open("w", encoding="latin-1") as terminal:
         monkeypatch.setattr(sys, "__stdout__", terminal)
-        entry._lasting(terminal).write("joules ≥ 3 é\n")
+        entry._lasting(terminal, lambda: None).write("joules ≥ 3 é\n")
     assert (tmp_path / "latin").read_text(encoding="latin-1") == "joules ? 3 é\n"

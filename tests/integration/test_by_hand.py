@@ -65,6 +65,11 @@ def test_the_training_robot_comes_last_after_garbage_and_twins_who_are_refused_a
     refused = {(row["agent"], row["round"]): row["refused"] for row in run.figures if row["phase"] == "maml"}
     assert refused == {(0, 1): 1, (0, 2): 1, (1, 1): 0, (1, 2): 0}
     assert "refused a message on jouleswarm/by-hand/maml/ul/1/1/experience" in center.printed
+    # Each round is a line where a person looks.
+    assert "data center: maml, task 1, meta-learning round 2: " in center.printed
+    assert [f"robot 4: fl, task 2, round {round_}: own reward " in others[0].printed for round_ in range(5)] == [
+        True, True, True, True, False,
+    ]  # fmt: skip
     # What was wanted stays on the broker only while it is wanted.
     late = onlooker(broker, wanted, topics.presence(NAME, 0, 0))
     assert late.receive(0.2) is None

@@ -204,3 +204,10 @@ def test_a_finished_run_is_priced_again_and_stays_as_it_is(toy_run: Any, start: 
     assert report.ends() == 0, report.printed
     assert "E_UL 500, E_DL 500, E_SL 200 kb/J" in report.printed
     assert content() == before
+
+
+def test_without_a_terminal_a_run_says_at_once_what_it_waits_for_and_its_logs_stay_small(toy_run: Any) -> None:
+    told = [line for line in toy_run.printed.splitlines() if " | starting " in line]
+    assert told[0].endswith("0 s | starting 4 robots and the data center: 0 of 5 here")
+    assert toy_run.printed.count("a line every 10 s: ") == 1
+    assert not [log for log in (toy_run.path / "logs").glob("*.log") if "own reward" in log.read_text()]

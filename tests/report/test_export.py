@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import io
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.wire.topics import Link
+from jouleswarm.energy.literal import literal
+from jouleswarm.fleet.spent import Spent
 from jouleswarm.report.exported import write_tables
+from jouleswarm.report.live_mlflow import LiveRuns
 from jouleswarm.report.mlflow import log_run
-from jouleswarm.report.scalars import scalars
+from jouleswarm.report.scalars import Growing, scalars
 from jouleswarm.report.tensorboard import write_events
 from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.summary import summarise
@@ -74,3 +81,46 @@ def test_mlflow_has_a_run_for_each_arm_once(run: Run, tmp_path: Path, monkeypatc
     assert {each.data.metrics["R/task-1"] for each in found} == {55.0}
     with pytest.raises(ConfigurationError, match="has made-up in its experiment made-up already"):
         log_run(run, uri)
+
+
+class Heard:
+    """A recorder, as far as followers look at it."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.spent = run.name, Spent(run.scenario, resumed=False)
+
+
+def test_series_that_grow_are_told_by_round_and_end_at_the_bill(run: Run) -> None:
+    heard, told = Heard(run), []
+    growing = Growing(run.scenario, heard.spent)
+    for round_, agent in ((1, 1), (1, 2), (2, 1), (2, 2)):  # 20 gradients each
+        (row,) = [each for each in run.rows if (each.arm, each.agent, each.round) == ("fl", agent, round_)]
+        told += growing.take(row)
+        heard.spent.take(row, {Link.SIDELINK: 5000 * round_})
+    gradients = [(arm, each.round, each.value) for arm, each in told if each.name == "spent/gradients"]
+    assert gradients == [("fl", 1, 40)]
+    assert [each.value for _, each in told if each.name == "spent/bits"] == [2 * 5000 * 8]
+    assert [each.value for _, each in told if each.name == "R/task-1"] == [5.5, 11.0]
+    last = {each.name: each.value for arm, each in growing.end(run) if arm == "fl"}
+    bill = literal.price(run.facts["fl"], run.scenario.energy)
+    assert last["bill/joules"] == last["spent/joules"] == pytest.approx(bill.total_j)
+    assert last["bill/sidelink"] == pytest.approx(bill.both.sidelink_j)
+
+
+def test_a_tracking_server_that_is_not_there_is_told_once_and_harms_nothing(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        uri = f"http://127.0.0.1:{nobody.getsockname()[1]}"
+        console, follower = Console(file=io.StringIO(), width=400), LiveRuns(uri)
+        follower.begin(console, run.scenario, Heard(run))
+        for row in run.rows:
+            follower.take(row)
+        follower.end(run)
+        follower.close()
+    assert isinstance(console.file, io.StringIO)
+    (line,) = console.file.getvalue().splitlines()
+    assert line.startswith(f"MLflow at {uri}: ")
+    assert line.endswith(f"the run goes on without. Afterwards: jouleswarm export RUN --to mlflow --uri {uri}")

@@ -1,0 +1,1 @@
+"""The page of what a meter has counted of anybody's application."""
