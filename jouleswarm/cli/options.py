@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.figure_kinds import figure_kinds
 from jouleswarm.common.options import SCENARIO_HELP
 
 
@@ -64,6 +65,15 @@ PowerLogNames = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME=PROCESS", help="Whose a name in the logs is: shelly1=agent-3. May be repeated."),
 ]
+Figures = Annotated[
+    str,
+    typer.Option(
+        metavar="KIND,...",
+        help="Draw figures as files of these kinds, of png, svg and pdf.",
+        callback=lambda given: ",".join(figure_kinds(given)),
+    ),
+]
+NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, and write no report.html.")]
 Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes too, before the answer.")]
 Resume = Annotated[
     Path | None,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
-from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, PowerLogNames, PowerLogs
+from jouleswarm.cli.options import Budget, Details, EnergyFile, EnergyOption, Figures, PowerLogNames, PowerLogs
 
 Beta = Annotated[
     str | None, typer.Option(metavar="FLOAT|measured", help="Cost of an exact meta-gradient over a first-order one.")
@@ -34,7 +34,7 @@ def report(
     meter: PowerLogs = None,
     meter_name: PowerLogNames = None,
     meter_shift: Annotated[float, typer.Option(help="Seconds to add to the logs' times.")] = 0.0,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write an HTML report again.")] = False,
+    figures: Figures = "",
     details: Details = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -45,11 +45,13 @@ def report(
     from jouleswarm.runs.files import read_manifest
 
     read_manifest(run_directory)  # before anything heavy is loaded
+    from jouleswarm.common.figure_kinds import figure_kinds
     from jouleswarm.common.scenario.reading import energy_file
     from jouleswarm.energy.repricing import Prices, parse_beta
     from jouleswarm.report.outside import Meters
     from jouleswarm.report.report import report as print_bill
 
+    kinds = figure_kinds(figures)
     prices = Prices(
         ul=ul,
         sl=sl,
@@ -67,16 +69,8 @@ def report(
 
         print_document(report_document(run_directory, changes, budget=budget, why=why, meters=meters))
         return
-    print_bill(
-        run_directory,
-        changes=changes,
-        budget=budget,
-        why=why,
-        meters=meters,
-        details=details,
-        html=figures,
-        figures=figures,
-    )
+    asked: dict[str, Any] = {"budget": budget, "why": why, "meters": meters, "details": details}
+    print_bill(run_directory, changes=changes, **asked, html=bool(kinds), figures=kinds)
 
 
 def audit(as_json: JsonOption = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,11 +17,13 @@ from jouleswarm.cli.options import (
     Dry,
     Durable,
     EnergyFile,
+    Figures,
     KeepState,
     Measured,
     MetricsHost,
     MetricsPort,
     Mlflow,
+    NoFigures,
     Out,
     Restarts,
     Resume,
@@ -32,6 +35,7 @@ from jouleswarm.cli.options import (
     Tensorboard,
     overrides,
 )
+from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOption, SetOption
 
 _Broker = Annotated[
@@ -39,13 +43,13 @@ _Broker = Annotated[
 ]
 
 
-def _present(path: Path, figures: bool, details: bool) -> None:
+def _present(path: Path, figures: Sequence[str], details: bool) -> None:
     from jouleswarm.fleet.stopping import telling_what_is_kept
     from jouleswarm.report.report import report as print_bill
 
     with telling_what_is_kept(path):
         typer.echo("all is recorded: pricing it" + (", then drawing figures and report.html" if figures else ""))
-        print_bill(path, details=details, html=figures, figures=figures)
+        print_bill(path, details=details, html=bool(figures), figures=figures)
 
 
 def run(
@@ -58,7 +62,8 @@ def run(
     run_id: RunId = None,
     broker: _Broker = None,
     keys: KeysOption = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    figures: Figures = DEFAULT,
+    no_figures: NoFigures = False,
     resume: Resume = None,
     restarts: Restarts = 20,
     durable: Durable = False,
@@ -106,7 +111,7 @@ def run(
         else:
             run_deployment(settings, name, out, Console(), started)
         also.end(where)
-        _present(where, figures, details)
+        _present(where, () if no_figures else figure_kinds(figures), details)
 
 
 def validate(
@@ -142,7 +147,8 @@ def record(
     ready_file: Annotated[
         Path | None, typer.Option(help="Write this file once the recorder listens, for a health check.")
     ] = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures and write report.html at the end.")] = True,
+    figures: Figures = DEFAULT,
+    no_figures: NoFigures = False,
     metrics_port: MetricsPort = None,
     metrics_host: MetricsHost = "127.0.0.1",
     tensorboard: Tensorboard = None,
@@ -158,9 +164,10 @@ def record(
     from jouleswarm.fleet.recording import record_deployment
     from jouleswarm.report.view import View
 
+    kinds = () if no_figures else figure_kinds(figures)
     settings = load_scenario(scenario, overrides(set_, seed))
     with followed(metrics_port, tensorboard, mlflow, metrics_host) as also:
         view, run_ = also.beside(View), run_id or settings.name
         path = record_deployment(settings, run_, out, broker, Console(), ready_file, keys, view)
         also.end(path)
-        _present(path, figures, details)
+        _present(path, kinds, details)

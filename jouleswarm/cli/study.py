@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from jouleswarm.cli.options import EnergyOption, ScenarioFile
+from jouleswarm.cli.options import EnergyOption, Figures, ScenarioFile
+from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import SetOption
 from jouleswarm.studies.names import STUDIES, StudyName
 
@@ -61,6 +62,7 @@ def tables(
     out: Annotated[
         Path | None, typer.Option(help="Folder for what is made; default the same. Needed where --set is.")
     ] = None,
+    figures: Figures = DEFAULT,
 ) -> None:
     """Make a study's tables and figures again from its facts.csv, at other prices too. Nothing is run.
 
@@ -71,7 +73,11 @@ def tables(
     read_record(results_directory)  # before anything heavy is loaded
     from jouleswarm.studies.run import make_tables, reprice
 
-    _list(reprice(results_directory, set_ or [], out) if set_ or out else make_tables(results_directory))
+    kinds = figure_kinds(figures)
+    if set_ or out:
+        _list(reprice(results_directory, set_ or [], out, kinds))
+    else:
+        _list(make_tables(results_directory, kinds))
 
 
 @study.command()
@@ -121,6 +127,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         work: Work = None,
         results: Results = None,
         keep: Keep = False,
+        figures: Figures = DEFAULT,
     ) -> None:
         from jouleswarm.studies.catalogue import kind_of
         from jouleswarm.studies.jobs import Request, range_of_seeds
@@ -140,6 +147,7 @@ def _command(name: StudyName) -> Callable[..., None]:
             workers=workers,
             scheduler=scheduler,
             keep=keep,
+            kinds=figure_kinds(figures),
         )
         _list(run_study(kind, request, label, where, Console()))
 

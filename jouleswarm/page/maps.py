@@ -9,8 +9,8 @@ from typing import NamedTuple
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.maps import Cell, TaskMap
 from jouleswarm.environments.landmarks.settings import task_map
+from jouleswarm.runs.paths import LANDMARKS
 
-LANDMARKS = "landmarks"
 _CELL, _EDGE = 32, 6
 _SECONDS = 0.6
 """That a drawn robot takes for a motion."""

@@ -60,8 +60,12 @@ class Paths:
 
     def _walk(self, scenario: Scenario) -> None:
         # Late imports: a page of another environment, or of a run that has not begun to learn, needs no PyTorch.
-        from jouleswarm.environments.landmarks.cameras import new_camera
+        import torch
 
+        from jouleswarm.environments.landmarks.cameras import new_camera
+        from jouleswarm.runs.paths import greedy_path
+
+        torch.set_num_threads(1)
         began_s = time.monotonic()
         self._camera = self._camera or new_camera(scenario)  # drawing its views is what takes long
         for key, file in self._new_models(scenario).items():
@@ -100,26 +104,3 @@ class Paths:
 
     def _state(self, scenario: Scenario, task: int) -> Path:
         return self._folder / STATE / client_of(scenario.cluster(task)[0]) / STATE_FILE
-
-
-def greedy_path(scenario: Scenario, task: int, weights: Weights, camera: Frames) -> tuple[Cell, ...]:
-    """Cells of one greedy episode from the entry."""
-    import torch
-
-    from jouleswarm.codecs.frames import shrink
-    from jouleswarm.environments.landmarks.environment import LandmarksEnv
-    from jouleswarm.learning.learner import Policy
-    from jouleswarm.learning.networks import build_qnetwork
-
-    torch.set_num_threads(1)
-    policy = Policy(build_qnetwork(scenario), weights)
-    kept = scenario.spaces.observation.kept(scenario.network)
-    world = LandmarksEnv(task, scenario, camera=camera)
-    frame, info = world.reset(seed=0)
-    cells, ended = [info["cell"]], False
-    while not ended:
-        action = int(policy.q_values(shrink(frame, kept)).argmax())
-        frame, _, reached, cut, info = world.step(action)
-        cells.append(info["cell"])
-        ended = reached or cut
-    return tuple(cells)

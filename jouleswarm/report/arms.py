@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from jouleswarm.common.scenario.arms import Arm
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.report.look import Look, looks_of, tint
 
 INK = "#1d1d24"
 
@@ -45,10 +46,11 @@ def colours(scenario: Scenario) -> dict[str, str]:
         own = [arm for arm in scenario.arms if arm.method == method]
         for place, arm in enumerate(own, start=1):
             strength = 1.0 if place == len(own) else _PALEST + (1 - _PALEST) * (place - 1) / (len(own) - 1)
-            found[arm.name] = colour if strength == 1 else _tint(colour, strength)
+            found[arm.name] = colour if strength == 1 else tint(colour, strength)
     return found
 
 
-def _tint(colour: str, strength: float) -> str:
-    parts = (int(colour[at : at + 2], 16) for at in (1, 3, 5))
-    return "#" + "".join(f"{round(255 - strength * (255 - part)):02x}" for part in parts)
+def looks(scenario: Scenario) -> dict[str, Look]:
+    """Looks of a scenario's arms by their names."""
+    held = colours(scenario)
+    return dict(zip(held, looks_of(list(held.values())), strict=True))

@@ -10,11 +10,12 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jouleswarm.report.arms import INK, colours, labels
+from jouleswarm.report.arms import INK, labels, looks
+from jouleswarm.report.look import Look, hatched
 from jouleswarm.runs.run import Run
 
 FEW = 3
@@ -22,6 +23,11 @@ FEW = 3
 SOME = 9
 """Up to so many arms, a bar has room for a number on end."""
 LEGEND_COLUMNS = 4
+
+SINGLES: dict[str, Any] = {
+    "linestyle": "", "marker": "o", "markersize": 2.5, "color": "white", "markeredgecolor": INK, "markeredgewidth": 0.7
+}  # fmt: skip
+"""Points of single values, seen on a bar too."""
 
 _WIDTH_IN = 7.0
 _LEGEND_ROW_IN = 0.17
@@ -42,11 +48,13 @@ def bars(
     place: int,
     among: int,
     heights: Sequence[float],
-    colour: str,
+    look: Look,
     *,
     stacked: Sequence[float] = (),
     ci95: Sequence[float] = (),
+    singles: Sequence[Sequence[float]] = (),
     texts: Sequence[str] = (),
+    turned: bool = False,
 ) -> None:
     """One arm's bars, beside those of the other arms; where there is nothing there is none.
 
@@ -55,45 +63,52 @@ def bars(
         place: of the arm, from 0.
         among: how many arms there are.
         heights: of the bar in each group of the x axis.
-        colour: of the arm.
+        look: of the arm.
         stacked: on top of each bar, hatched.
-        ci95: half widths of the intervals.
+        ci95: half widths of the intervals; 0 for none.
+        singles: values that are points beside each bar, in place of an interval.
         texts: above each bar.
+        turned: have them stand on end, where bars are close.
     """
     width = min(_WIDEST_BAR, _BARS_WIDE / among)
-    nothing = [0.0] * len(heights)
-    columns = zip(heights, stacked or nothing, ci95 or nothing, texts or [""] * len(heights), strict=True)
-    for group, (height, above, half, text) in enumerate(columns):
+    nothing, count = [0.0] * len(heights), len(heights)
+    columns = zip(
+        heights, stacked or nothing, ci95 or nothing, singles or [()] * count, texts or [""] * count, strict=True
+    )
+    for group, (height, above, half, held, text) in enumerate(columns):
         x, top = group + (place - (among - 1) / 2) * width, height + above
         if not top:
             continue
-        axes.bar(x, height, width, color=colour)
+        axes.bar(x, height, width, **look.face)
         if above:
-            axes.bar(x, above, width, bottom=height, **hatched(colour))
+            axes.bar(x, above, width, bottom=height, **hatched(look.colour))
         if half:
             axes.errorbar(x, top, yerr=[[min(half, top)], [half]], color=INK, capsize=2, elinewidth=0.8)
+        if held:
+            axes.plot([x] * len(held), held, **SINGLES)
         if text:
-            few = among <= FEW
-            look = _ABOVE | ({"fontsize": 6.5} if few else {"fontsize": 5.5, "rotation": 90})
-            axes.annotate(text, (x, top + half), **look)
+            few = among <= FEW and not turned
+            font = _ABOVE | ({"fontsize": 6.5} if few else {"fontsize": 5.5, "rotation": 90})
+            if held:
+                font["xytext"] = (0, 4)  # clear of the points
+            axes.annotate(text, (x, max(top + half, *held, 0.0)), **font)
 
 
 def arm_patches(run: Run) -> list[Patch]:
     """The arms' entries of a legend."""
-    held = colours(run.scenario)
-    return [Patch(facecolor=held[arm], label=name) for arm, name in labels(run.scenario).items()]
+    held = looks(run.scenario)
+    return [Patch(**held[arm].face, label=name) for arm, name in labels(run.scenario).items()]
+
+
+def arm_lines(run: Run) -> list[Line2D]:
+    """The same of drawings whose arms are lines."""
+    held = looks(run.scenario)
+    return [
+        Line2D([], [], color=held[arm].colour, linestyle=held[arm].line, label=name)
+        for arm, name in labels(run.scenario).items()
+    ]
 
 
 def legend_in(arms: int) -> float:
     """Height of a legend of arms above a drawing, beyond the first row."""
     return _LEGEND_ROW_IN * ((arms - 1) // LEGEND_COLUMNS)
-
-
-def hatched(colour: str) -> dict[str, Any]:
-    """The look of communication, for a bar or a patch."""
-    return {
-        "facecolor": (*to_rgb(colour), 0.35),
-        "edgecolor": colour,
-        "hatch": "/////",
-        "linewidth": 0,
-    }

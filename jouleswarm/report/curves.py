@@ -12,14 +12,15 @@ from matplotlib.figure import Figure
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.wire.topics import Link
 from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.report.arms import INK, colours
-from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, arm_patches, legend_in, new_figure
+from jouleswarm.report.arms import INK, looks
+from jouleswarm.report.canvas import FEW, LEGEND_COLUMNS, arm_lines, legend_in, new_figure
+from jouleswarm.report.look import Look
 from jouleswarm.runs.run import Run
 
 LINK_STYLES = {
     Link.UPLINK: ("#D55E00", "-"),
     Link.DOWNLINK: ("#009E73", "--"),
-    Link.SIDELINK: ("#CC79A7", "-"),
+    Link.SIDELINK: ("#CC79A7", "-."),
     Link.CONTROL: ("#7F7F7F", ":"),
 }
 
@@ -32,8 +33,8 @@ def rewards_figure(run: Run, energy: Energy) -> Figure:
     figure = new_figure(1.9 * down + 0.3 + legend_in(len(run.scenario.arms)))
     grid = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
     for axes, task in zip(grid, tasks, strict=False):
-        for arm, colour in colours(run.scenario).items():
-            _reward_curves(axes, run, arm, task, colour)
+        for arm, look in looks(run.scenario).items():
+            _reward_curves(axes, run, arm, task, look)
         axes.axhline(run.scenario.federation.target_reward, color=INK, linestyle="--", linewidth=0.7)
         axes.set_title(f"task {task}")
         axes.xaxis.get_major_locator().set_params(integer=True)
@@ -44,7 +45,7 @@ def rewards_figure(run: Run, energy: Energy) -> Figure:
             axes.set_ylabel("running reward R")
         if place + across >= len(tasks):
             axes.set_xlabel("round")
-    figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
+    figure.legend(handles=arm_lines(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
     return figure
 
 
@@ -71,12 +72,12 @@ def bytes_figure(run: Run, energy: Energy) -> Figure:
     return figure
 
 
-def _reward_curves(axes: Axes, run: Run, arm: str, task: int, colour: str) -> None:
+def _reward_curves(axes: Axes, run: Run, arm: str, task: int, look: Look) -> None:
     rows = [row for row in run.rows if (row.arm, row.task, row.phase) == (arm, task, RowPhase.FL) and row.agent != 0]
     few = len(run.scenario.arms) <= FEW
     for agent in sorted({row.agent for row in rows}) if few else ():
         points = sorted((row.round, row.reward) for row in rows if row.agent == agent and row.reward is not None)
-        axes.plot(*zip(*points, strict=True) if points else ([], []), color=colour, linewidth=0.5, alpha=0.35)
+        axes.plot(*zip(*points, strict=True) if points else ([], []), color=look.colour, linewidth=0.5, alpha=0.35)
     running: dict[int, list[float]] = defaultdict(list)
     for row in rows:
         if row.cluster_reward is not None:
@@ -84,6 +85,6 @@ def _reward_curves(axes: Axes, run: Run, arm: str, task: int, colour: str) -> No
     # One value a round where the cluster shares R; the mean of those still learning where each robot has its own.
     curve = [(round_, fmean(values)) for round_, values in sorted(running.items())]
     if curve:
-        axes.plot(*zip(*curve, strict=True), color=colour, linewidth=1.6 if few else 1.0)
+        axes.plot(*zip(*curve, strict=True), color=look.colour, linestyle=look.line, linewidth=1.6 if few else 1.0)
         (result,) = [each for each in run.results[arm] if each.task == task]
-        axes.plot(*curve[-1], marker="o" if result.learned else "x", color=colour, markersize=4)
+        axes.plot(*curve[-1], marker="o" if result.learned else "x", color=look.colour, markersize=4)

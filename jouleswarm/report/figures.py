@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
+from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
@@ -25,7 +26,8 @@ from jouleswarm.runs.run import Run
 
 CAPTIONS = {
     "energy": "Energy of meta-learning and of each task's learning (equations (8)-(12), counted payload bytes; "
-    "closed form where nothing was metered). Plain: learning, acting and waiting; hatched: communication.",
+    "closed form where nothing was metered), each panel on a scale of its own. Full: learning, acting and waiting; "
+    "pale, with slanted lines: communication.",
     "rounds": "Rounds of meta-learning in the data center and rounds until each task was learned; a cross marks a "
     "task that was not.",
     "rewards": "Running reward R of each cluster by round; thin lines, with few arms, are single robots' greedy "
@@ -49,7 +51,7 @@ STYLE: dict[Any, Any] = {
     "ytick.color": INK,
     "axes.titlesize": 8,
     "legend.frameon": False,
-    "hatch.linewidth": 0.6,
+    "hatch.linewidth": 0.8,
     "savefig.facecolor": "white",
 }
 _PNG_DPI = 300
@@ -67,26 +69,32 @@ _FIGURES: dict[str, Callable[[Run, Energy], Figure]] = {
 _OF_PRICES = ("energy", "learned", "why", "time")
 
 
-def write_figures(run: Run, energy: Energy, suffix: str = "") -> list[Path]:
+def write_figures(run: Run, energy: Energy, suffix: str = "", kinds: Sequence[str] = KINDS) -> list[Path]:
     """Draw all figures, their curves as CSV too, into RUN/figures; at other prices (`suffix`) those that change."""
     folder = run.path / "figures"
     names = [name for name in _of(run, energy) if not suffix or name in _OF_PRICES]
     drawn = ((name, partial(_FIGURES[name], run, energy)) for name in names)
-    written = [path for name, draw in drawn for path in save_figure(folder, f"{name}{suffix}", draw)]
+    written = [path for name, draw in drawn for path in save_figure(folder, f"{name}{suffix}", draw, kinds)]
     table = folder / f"learned{suffix}.csv"
     curves(run, energy).to_csv(table, index=False, float_format="%.10g")
     return [*written, table]
 
 
-def save_figure(folder: Path, name: str, draw: Callable[[], Figure], dpi: int = _PNG_DPI) -> list[Path]:
-    """Draw a figure and write it as PNG and as SVG; the same data make the same files."""
+def save_figure(
+    folder: Path, name: str, draw: Callable[[], Figure], kinds: Sequence[str] = KINDS, dpi: int = _PNG_DPI
+) -> list[Path]:
+    """Draw a figure and write it as files of these kinds; the same data make the same files."""
     folder.mkdir(parents=True, exist_ok=True)
-    options: dict[str, dict[str, Any]] = {"png": {"dpi": dpi}, "svg": {"metadata": {"Date": None}}}
+    options: dict[str, dict[str, Any]] = {
+        "png": {"dpi": dpi},
+        "svg": {"metadata": {"Date": None}},
+        "pdf": {"dpi": dpi, "metadata": {"CreationDate": None}},
+    }
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         figure = draw()
-        for kind, more in options.items():
-            figure.savefig(folder / f"{name}.{kind}", format=kind, **more)
-    return [folder / f"{name}.{kind}" for kind in options]
+        for kind in kinds:
+            figure.savefig(folder / f"{name}.{kind}", format=kind, **options[kind])
+    return [folder / f"{name}.{kind}" for kind in kinds]
 
 
 def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import html
+import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,9 +15,9 @@ from jouleswarm.common.meter.counts_bus import TOPIC
 from jouleswarm.common.scenario.reading import Override
 from jouleswarm.metering.metered import Metered
 from jouleswarm.report.calculated import calculated, calculated_tables
-from jouleswarm.report.html import document, manifest_text, paragraphs
 from jouleswarm.report.metered import metered_tables
-from jouleswarm.report.table import html_text, show
+from jouleswarm.report.pages import rendered
+from jouleswarm.report.table import show
 
 
 def report_metered(
@@ -38,14 +38,11 @@ def report_metered(
         show(table, console)
     if not html_too:
         return []
-    body = [
-        f"<h1>{html.escape(metered.name)}</h1>{paragraphs([line], 'soft')}",
-        *map(html_text, tables),
-        manifest_text(metered.manifest, "Rules, prices, versions and host"),
-    ]
+    manifest = json.dumps(metered.manifest, indent=2)
+    text = rendered("metered.html.j2", name=metered.name, headline=line, tables=tables, manifest=manifest)
     path = metered.path / f"report{suffix}.html"
     with full_disk_is_told(str(metered.path)), usable("run directory", metered.path, RunError):
-        path.write_text(document(metered.name, body), encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     return [path]
 
 

@@ -6,7 +6,7 @@ into their names, for example `report-ul500-sl200.html`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -46,10 +46,10 @@ def report(
     meters: Meters | None = None,
     details: bool = False,
     html: bool = False,
-    figures: bool = False,
+    figures: Sequence[str] = (),
     console: Console | None = None,
 ) -> list[Path]:
-    """Print the answer of a run, and draw figures and `report.html` if asked; returns the files written.
+    """Print the answer of a run, and write `report.html` and figures of the kinds asked for; returns the files written.
 
     Args:
         run_dir: what `jouleswarm run` printed.
@@ -80,7 +80,7 @@ def report(
     before = answer(own, own.scenario.energy) if suffix else None
     print_report(run, energy, console, more, details=details, before=before)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
-        written = write_figures(run, energy, suffix) if figures else []
+        written = write_figures(run, energy, suffix, figures) if figures else []
         if html:
             written.append(write_html(run, energy, suffix))
     show_next(run, written, console or Console())

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.report.arms import INK, colours
-from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
+from jouleswarm.report.arms import INK, looks
+from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_lines, legend_in, new_figure
 from jouleswarm.runs.curves import SPENT, curves
 from jouleswarm.runs.run import Run
 
@@ -20,10 +20,11 @@ def learned_figure(run: Run, energy: Energy) -> Figure:
     grid = figure.subplots(2, max(1, len(known)), sharex="col", sharey="row", squeeze=False)
     for column, (what, heading) in enumerate(known.items()):
         upper, lower = grid[0][column], grid[1][column]
-        for arm, colour in colours(run.scenario).items():
+        for arm, look in looks(run.scenario).items():
             rows = points[(points["arm"] == arm) & (points[what] > 0)]
-            upper.step(rows[what], 100 * rows["share_learned"], where="post", color=colour, linewidth=1.2)
-            lower.plot(rows[what], rows["reward"], color=colour, linewidth=1.2)
+            drawn = {"color": look.colour, "linestyle": look.line, "linewidth": 1.2}
+            upper.step(rows[what], 100 * rows["share_learned"], where="post", **drawn)
+            lower.plot(rows[what], rows["reward"], **drawn)
         lower.axhline(run.scenario.federation.target_reward, color=INK, linestyle="--", linewidth=0.7)
         lower.set_xlabel(heading)
         if (points[what] > 0).any():
@@ -31,5 +32,5 @@ def learned_figure(run: Run, energy: Energy) -> Figure:
             lower.xaxis.set_minor_formatter(NullFormatter())  # of a short axis they would cover each other
     grid[0][0].set_ylabel("tasks learned (%)")
     grid[1][0].set_ylabel("mean R")
-    figure.legend(handles=arm_patches(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
+    figure.legend(handles=arm_lines(run), loc="outside upper right", ncols=LEGEND_COLUMNS)
     return figure

@@ -1,9 +1,8 @@
-"""A table before it is shown on anything, and how it is shown: on a terminal, in HTML, as Markdown, as CSV."""
+"""A table before it is shown on anything, and how it is shown: on a terminal, as Markdown, as CSV."""
 
 from __future__ import annotations
 
 import csv
-import html
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -56,7 +55,7 @@ def terminal(table: Table, *, wrap: bool = False, tight: bool = False) -> rich.t
     for place, (heading, width) in enumerate(zip(table.headings, widths, strict=True)):
         side: Literal["left", "right"] = "right" if place else "left"
         shown.add_column(escape(heading), justify=side, no_wrap=(place == 0) != wrap and not tight, width=width)
-    for row, style in _styled(table):
+    for row, style in styled(table):
         shown.add_row(*map(escape, row), style=style, end_section=style == "bold")
     return shown
 
@@ -88,7 +87,7 @@ def narrowed(table: Table, width: int) -> list[Table]:
 
 def _widths(table: Table, *, whole: bool) -> list[int]:
     """Characters that each column needs; headings are broken between words unless `whole`."""
-    rows = [cells for cells, _ in _styled(table)]
+    rows = [cells for cells, _ in styled(table)]
     return [
         max([*map(len, [heading] if whole else heading.split()), *(len(row[place]) for row in rows)], default=0)
         for place, heading in enumerate(table.headings)
@@ -97,22 +96,6 @@ def _widths(table: Table, *, whole: bool) -> list[int]:
 
 def _wide(widths: Sequence[int]) -> int:
     return sum(widths) + _PADDING * len(widths) + _EDGES
-
-
-def html_text(table: Table) -> str:
-    """One section of a page; a row's style is its class."""
-    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.headings)
-    lines = [
-        (f'<tr class="{style}">' if style else "<tr>")
-        + "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
-        + "</tr>"
-        for row, style in _styled(table)
-    ]
-    return (
-        f'<h2>{html.escape(table.title)}</h2><div class="wide"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
-        + "".join(f"<p>{html.escape(note)}</p>" for note in table.notes)
-    )
 
 
 def markdown_text(tables: Iterable[Table]) -> str:
@@ -131,7 +114,7 @@ def csv_text(table: Table) -> str:
 
 def _markdown(table: Table) -> str:
     rule = ["---", *("---:" for _ in table.headings[1:])]
-    lines = [_line(cells) for cells in (table.headings, rule, *(row for row, _ in _styled(table)))]
+    lines = [_line(cells) for cells in (table.headings, rule, *(row for row, _ in styled(table)))]
     return "\n".join([f"### {table.title}", "", *lines, *(f"\n{note}" for note in table.notes)]) + "\n"
 
 
@@ -139,8 +122,8 @@ def _line(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _styled(table: Table) -> list[tuple[list[str], str]]:
-    """Rows for readers, each with its style."""
+def styled(table: Table) -> list[tuple[list[str], str]]:
+    """Rows for readers, each with its style, for whatever shows them."""
     texts = ([_text(cell) for cell in row] for row in table.rows)
     return [(row, table.styles.get(place, "")) for place, row in enumerate(texts)]
 

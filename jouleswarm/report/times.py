@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.battery import lives
@@ -13,8 +14,8 @@ from jouleswarm.energy.facts import Facts
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import price, with_beta
 from jouleswarm.energy.times import Seconds, Times, times
-from jouleswarm.report.arms import INK, colours, labels
-from jouleswarm.report.canvas import LEGEND_COLUMNS, arm_patches, legend_in, new_figure
+from jouleswarm.report.arms import INK, labels, looks
+from jouleswarm.report.canvas import LEGEND_COLUMNS, legend_in, new_figure
 from jouleswarm.report.format import joules_text, number_text
 from jouleswarm.report.table import Table
 from jouleswarm.runs.run import Run
@@ -74,12 +75,21 @@ def time_figure(run: Run, energy: Energy) -> Figure:
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color=INK, linewidth=0.7, linestyle="--")
     for arm, (seconds, kilojoules) in points.items():
         edge = INK if (seconds, kilojoules) in best else "none"
-        axes.scatter(seconds, kilojoules, color=colours(run.scenario)[arm], edgecolors=edge, zorder=3)
+        look = looks(run.scenario)[arm]
+        axes.scatter(seconds, kilojoules, color=look.colour, marker=look.marker, edgecolors=edge, zorder=3)
     axes.set_xlabel("seconds to learn" if known else "seconds of computing (communication is not known)")
     axes.set_ylabel("energy (kJ)")
     axes.margins(0.1)
-    figure.legend(handles=arm_patches(run), loc="outside upper center", ncols=LEGEND_COLUMNS)
+    figure.legend(handles=_points(run), loc="outside upper center", ncols=LEGEND_COLUMNS)
     return figure
+
+
+def _points(run: Run) -> list[Line2D]:
+    held = looks(run.scenario)
+    return [
+        Line2D([], [], linestyle="", color=held[arm].colour, marker=held[arm].marker, label=name)
+        for arm, name in labels(run.scenario).items()
+    ]
 
 
 def _times(run: Run, energy: Energy) -> dict[str, Times]:

@@ -19,9 +19,9 @@ from jouleswarm.energy.times import times
 from jouleswarm.runs.run import Run
 
 SPENT = {
-    "joules": "joules",
-    "bits": "bits on all links",
-    "seconds": "seconds",
+    "joules": "energy (J)",
+    "bits": "moved on all links (bit)",
+    "seconds": "time (s)",
     "gradients": "batch gradients",
     "motions": "motions",
 }

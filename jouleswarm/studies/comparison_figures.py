@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -13,14 +14,17 @@ from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import own_lists, price_lists
 from jouleswarm.report.arms import INK, method_colour, method_label
-from jouleswarm.report.canvas import bars, new_figure
+from jouleswarm.report.canvas import SINGLES, new_figure
+from jouleswarm.report.look import looks_of
 from jouleswarm.studies.arms import failures_of
 from jouleswarm.studies.columns import Column, cause_columns, rounds_sum, total_column
 from jouleswarm.studies.comparison import arms_of
+from jouleswarm.studies.estimates import Estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import moved_bytes
+from jouleswarm.studies.style import estimate_bars
 
-_CAUSES = ("#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7")
+_CAUSES = looks_of(("#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7"))
 _ROUNDS = Column("rounds", "rounds, all tasks", 1, rounds_sum)
 
 
@@ -58,7 +62,7 @@ def panels_figure(
     """
     figure, known = new_figure(height_in * len(rows)), {fact.variant for fact in facts}
     arms = list(dict.fromkeys(fact.arm for fact in facts))
-    colours = {arm: method_colour(scenario, method_of(arm)) for arm in arms}
+    looks = dict(zip(arms, looks_of([method_colour(scenario, method_of(arm)) for arm in arms]), strict=True))
     panels = figure.subplots(len(rows), max(len(columns) for _, columns in rows.values()), squeeze=False)
     for row, (what, (variants, columns)) in zip(panels, rows.items(), strict=True):
         shown = {value: variant for value, variant in variants.items() if variant in known}
@@ -67,14 +71,13 @@ def panels_figure(
                 found = [column.shown(facts, variant, arm) for variant in shown.values()]
                 failed = [failures_of(facts, variant, arm)[0] for variant in shown.values()]
                 texts = [f"{each.mean:.3g}" for each in found] if numbered else [f"{n}×" if n else "" for n in failed]
-                ends = [each.ci95 or 0.0 for each in found]
-                bars(axes, place, len(arms), [each.mean for each in found], colours[arm], ci95=ends, texts=texts)
+                estimate_bars(axes, place, len(arms), found, looks[arm], texts, turned=numbered)
             axes.set_xticks(range(len(shown)), list(shown))
             axes.set_xlim(-0.5, len(shown) - 0.5)
             axes.set_xlabel(what)
             axes.set_ylabel(column.heading)
     labels = {arm: method_label(scenario, method_of(arm)) for arm in arms}
-    handles = [Patch(facecolor=colours[arm], label=labels[arm]) for arm in arms]
+    handles = [Patch(**looks[arm].face, label=labels[arm]) for arm in arms]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(arms))
     return figure
 
@@ -91,14 +94,15 @@ def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
     columns = [*(total_column(each, energy, f"$E$ (kJ), {each.label}") for each in own), _ROUNDS]
     for place, arm in enumerate(held):
         start = 0.0
-        for colour, cause in zip(_CAUSES, causes, strict=True):
+        for look, cause in zip(_CAUSES, causes, strict=True):
             spent = cause.shown(facts, *arm).mean
-            first.barh(place, spent, left=start, color=colour)
+            first.barh(place, spent, left=start, **look.face)
             start += spent
-        first.errorbar(start, place, xerr=total.shown(facts, *arm).ci95 or 0.0, color=INK, capsize=2, elinewidth=0.8)
+        _spread(first, place, total.shown(facts, *arm))
         for axes, column in zip(others, columns, strict=True):
             found = column.shown(facts, *arm)
-            axes.barh(place, found.mean, xerr=found.ci95 or 0.0, color="#bbbbbb", ecolor=INK, capsize=2)
+            axes.barh(place, found.mean, color="#bbbbbb")
+            _spread(axes, place, found)
         not_learned, trials = failures_of(facts, *arm)
         if not_learned:
             told = f" {not_learned} of {trials} not learned"
@@ -108,6 +112,13 @@ def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
     for axes, column in zip((first, *others), (total, *columns), strict=True):
         axes.set_xlabel(column.heading)
     names = [cause.heading.removesuffix(" (kJ)") for cause in causes]
-    handles = [Patch(facecolor=colour, label=name) for colour, name in zip(_CAUSES, names, strict=True)]
+    handles = [Patch(**look.face, label=name) for look, name in zip(_CAUSES, names, strict=True)]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(_CAUSES))
     return figure
+
+
+def _spread(axes: Axes, place: int, found: Estimate) -> None:
+    """The interval across the end of a bar that lies, or of three seeds or fewer each one's value."""
+    if found.drawn_ci95:
+        axes.errorbar(found.mean, place, xerr=found.drawn_ci95, color=INK, capsize=2, elinewidth=0.8)
+    axes.plot(found.singles, [place] * len(found.singles), **SINGLES)

@@ -53,6 +53,7 @@ class Curves(NamedTuple):
     """[n] the same for all arms, from the least to the most that a task took."""
     arms: dict[ArmOf, Profile]
     """Those of which it is known what they had spent."""
+    seeds: dict[ArmOf, int]
 
 
 def curves_of(facts: Sequence[Fact], scenario: Scenario) -> dict[str, Curves]:
@@ -76,7 +77,7 @@ def curves_of(facts: Sequence[Fact], scenario: Scenario) -> dict[str, Curves]:
                 arm: Profile(*learned_by(each, budgets), mean_reward(rewards_at(runs[arm], scenario, what, budgets)))
                 for arm, each in held.items()
             }
-            found[what] = Curves(budgets, profiles)
+            found[what] = Curves(budgets, profiles, {arm: len(each) for arm, each in held.items()})
     return found
 
 
@@ -196,9 +197,9 @@ def _band(values: NDArray[np.float64]) -> Band:
 def curves_csv(found: Mapping[str, Curves]) -> Table:
     """A row for each thing that is spent, arm and budget."""
     rows: list[tuple[Cell, ...]] = []
-    for what, (budgets, arms) in found.items():
-        for arm, each in arms.items():
-            for place, budget in enumerate(budgets):
+    for what, curves in found.items():
+        for arm, each in curves.arms.items():
+            for place, budget in enumerate(curves.budgets):
                 cells = [None if math.isnan(value) else float(value) for band in each for value in band[:, place]]
                 rows.append((what, *arm, float(budget), *cells))
     names = [name for of in Profile._fields for name in (of, f"{of}_low95", f"{of}_high95")]

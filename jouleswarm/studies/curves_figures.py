@@ -13,9 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jouleswarm.report.canvas import new_figure
+from jouleswarm.report.look import look
 from jouleswarm.runs.curves import SPENT
 from jouleswarm.studies.arms import ArmOf, names_of
 from jouleswarm.studies.curves import Curves
+from jouleswarm.studies.estimates import FEW_SEEDS
 from jouleswarm.studies.style import COLOURS
 
 Statistic = Literal["share", "iqm", "reward"]
@@ -68,7 +70,7 @@ def _rows(shown: Mapping[str, str], statistics: Sequence[Statistic]) -> list[Row
 
 
 def curves_figure(found: Mapping[str, Curves], rows: Sequence[Row]) -> Figure:
-    """A statistic with its band against what was spent; an arm a colour."""
+    """A statistic, of more than a few seeds with its band, against what was spent; an arm a colour and a line."""
     figure = new_figure(_TWO_ROWS_IN if len(rows) == 2 else _ROW_IN * max(2, len(rows)) + _LEGEND_IN)
     grid = figure.subplots(len(rows), len(found), sharex="col", sharey=True, squeeze=False)
     shown: dict[str, Artist] = {}
@@ -102,7 +104,11 @@ def _draw(axes: Axes, curves: Curves, names: Mapping[ArmOf, str], statistic: Sta
     for place, (arm, name) in enumerate(names.items()):
         if arm in curves.arms:
             band = getattr(curves.arms[arm], statistic) * (1 if statistic == "reward" else 100)
-            colour, line = COLOURS[place % len(COLOURS)], "-" if place < len(COLOURS) else "--"
+            one = look(place, COLOURS[place % len(COLOURS)])
             told = name.replace("t0", "$t_0$")
-            axes.fill_between(curves.budgets, band[1], band[2], step="post", alpha=0.2, color=colour, linewidth=0)
-            axes.step(curves.budgets, band[0], line, where="post", color=colour, linewidth=1.2, label=told)
+            if curves.seeds[arm] > FEW_SEEDS:
+                axes.fill_between(
+                    curves.budgets, band[1], band[2], step="post", alpha=0.2, color=one.colour, linewidth=0
+                )
+            drawn = {"color": one.colour, "linestyle": one.line, "linewidth": 1.2, "label": told}
+            axes.step(curves.budgets, band[0], where="post", **drawn)

@@ -19,6 +19,7 @@ from jouleswarm.energy.facts import Facts, Flow
 from jouleswarm.energy.items import Item, items
 from jouleswarm.methods.graph import task_graph
 from jouleswarm.report.canvas import new_figure
+from jouleswarm.report.look import looks_of
 from jouleswarm.report.table import Table
 from jouleswarm.runs.sizes import scenario_sizes
 from jouleswarm.studies.kinds import Outputs, write_outputs
@@ -109,9 +110,9 @@ def _draw(found: Sequence[Point]) -> Figure:
     figure, fars = new_figure(3.0), [point.base_station_m for point in found]
     axes = figure.subplots()
     lines = {"direct": "direct_j", "via the base station": "via_j", "of it, the way up": "up_j"}
-    for colour, (label, field) in zip(COLOURS, lines.items(), strict=False):
-        style = ":" if field == "up_j" else "-"
-        axes.loglog(fars, [getattr(point, field) for point in found], style, color=colour, label=label)
+    for one, (label, field) in zip(looks_of(COLOURS), lines.items(), strict=False):
+        joules = [getattr(point, field) for point in found]
+        axes.loglog(fars, joules, linestyle=one.line, color=one.colour, label=label)
     if (crossing := crossing_m(found)) is not None:
         axes.axvline(crossing, color=COLOURS[-1], linewidth=0.8, linestyle="--")
         axes.annotate(f" {crossing:.3g} m", (crossing, 0.03), xycoords=("data", "axes fraction"))

@@ -12,6 +12,8 @@ from scipy.stats import t as student
 from jouleswarm.common.errors import StudyError
 
 _CONFIDENCE = 0.95
+FEW_SEEDS = 3
+"""Of so many seeds or fewer a drawing has each one's value: their interval says little but that there are few."""
 
 
 class Estimate(NamedTuple):
@@ -20,10 +22,18 @@ class Estimate(NamedTuple):
     mean: float
     ci95: float | None
     n: int
+    singles: tuple[float, ...] = ()
+    """Each seed's value, of two or three; of more the interval is drawn, of one neither."""
+
+    @property
+    def drawn_ci95(self) -> float:
+        """Half width of the interval as drawings have it; 0: none."""
+        return 0.0 if self.ci95 is None or self.singles else self.ci95
 
     def scaled(self, factor: float) -> Estimate:
         """The same in another unit."""
-        return Estimate(self.mean * factor, None if self.ci95 is None else self.ci95 * factor, self.n)
+        singles = tuple(each * factor for each in self.singles)
+        return Estimate(self.mean * factor, None if self.ci95 is None else self.ci95 * factor, self.n, singles)
 
 
 def estimate(values: Iterable[float]) -> Estimate:
@@ -38,4 +48,5 @@ def estimate(values: Iterable[float]) -> Estimate:
     if len(held) < 2:
         return Estimate(held[0], None, 1)
     quantile = float(student.ppf((1 + _CONFIDENCE) / 2, len(held) - 1))
-    return Estimate(fmean(held), quantile * stdev(held) / math.sqrt(len(held)), len(held))
+    half, singles = quantile * stdev(held) / math.sqrt(len(held)), tuple(held) if len(held) <= FEW_SEEDS else ()
+    return Estimate(fmean(held), half, len(held), singles)

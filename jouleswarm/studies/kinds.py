@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from jouleswarm.common.errors import StudyError, usable
+from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
 from jouleswarm.studies.curves import curves_csv, curves_of
@@ -78,7 +79,7 @@ def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:
     return [_write(folder / f"{name}.csv", csv_text(table)) for name, table in outputs.csv.items()]
 
 
-def write_outputs(folder: Path, outputs: Outputs) -> list[Path]:
+def write_outputs(folder: Path, outputs: Outputs, kinds: Sequence[str] = KINDS) -> list[Path]:
     """Write all tables and draw all figures; returns the paths.
 
     Raises:
@@ -87,7 +88,7 @@ def write_outputs(folder: Path, outputs: Outputs) -> list[Path]:
     written = write_csv_tables(folder, outputs)
     written += [_write(folder / f"{name}.md", markdown_text(held)) for name, held in outputs.markdown.items()]
     with usable("--results", folder, StudyError):
-        drawn = (save_figure(folder, name, draw, _PNG_DPI) for name, draw in outputs.figures.items())
+        drawn = (save_figure(folder, name, draw, kinds, _PNG_DPI) for name, draw in outputs.figures.items())
         return written + [path for paths in drawn for path in paths]
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
+from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import price_lists, with_beta
 from jouleswarm.energy.repricing import reprice as repriced
@@ -32,6 +33,8 @@ class Where:
     workers: int
     scheduler: str | None
     keep: bool
+    kinds: Sequence[str] = KINDS
+    """Of files that figures are."""
 
 
 def run_study(kind: Kind, request: Request, profile: str, where: Where, console: Console) -> list[Path]:
@@ -75,7 +78,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
             "the same command goes on with the jobs that are left"
         ) from None
     facts = read_facts(where.results / FACTS)
-    written = make_tables(where.results) if facts else []
+    written = make_tables(where.results, where.kinds) if facts else []
     if note := processors_note(facts):
         console.print(note, highlight=False)
     if failed:
@@ -84,7 +87,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
     return written
 
 
-def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Path]:
+def reprice(results: Path, changes: Sequence[str], into: Path | None, kinds: Sequence[str] = KINDS) -> list[Path]:
     """Make a results folder with the same facts at other prices; nothing is run, and `results` stays as it is.
 
     Args:
@@ -109,7 +112,7 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None) -> list[Pa
         into.mkdir(parents=True, exist_ok=True)
     write_record(into, record.model_copy(update={"scenario": scenario}))
     write_facts(into / FACTS, facts)
-    return make_tables(into)
+    return make_tables(into, kinds)
 
 
 def _check_prices(scenario: Scenario) -> None:
@@ -122,7 +125,7 @@ def _check_prices(scenario: Scenario) -> None:
         )
 
 
-def make_tables(results: Path) -> list[Path]:
+def make_tables(results: Path, kinds: Sequence[str] = KINDS) -> list[Path]:
     """Make a study's tables and figures again from its facts; nothing is run.
 
     Raises:
@@ -132,4 +135,4 @@ def make_tables(results: Path) -> list[Path]:
     facts = read_facts(results / FACTS)
     if not facts:
         raise StudyError(f"{results / FACTS} holds no facts, expected some; run the study")
-    return write_outputs(results, kind_of(record.study).outputs(facts, record))
+    return write_outputs(results, kind_of(record.study).outputs(facts, record), kinds)

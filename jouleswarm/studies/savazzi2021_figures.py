@@ -14,9 +14,10 @@ from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.crossing import Footprint, cheaper
 from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import bars, new_figure
+from jouleswarm.report.look import looks_of
 from jouleswarm.studies.savazzi2021_cases import CASES, COUNTRIES, METHODS, Case, grams, totals
 
-_COLOURS = {"fl": "#0072B2", "fedavg": "#E69F00", "centralized": "#7F7F7F"}
+_LOOKS = dict(zip(METHODS, looks_of(("#0072B2", "#E69F00", "#7F7F7F")), strict=True))
 _AXIS = np.geomspace(10e3, 1000e3, 241)
 _PRINTED = {"uplink": 50, "sidelink": 200}  # kbit/J: the thresholds of the 2021 paper's abstract
 _ABROAD = (("NO", "PL"), ("IT", "IT"), ("PL", "NO"))  # robots, data center
@@ -29,8 +30,14 @@ def winners_figure(found: Mapping[str, Case]) -> Figure:
     for axes, (name, case) in zip(panels, found.items(), strict=True):
         held = list(totals(case).values())
         joules = np.array([each.fixed + each.ul_bits / _AXIS + each.sl_bits / _AXIS[:, None] for each in held])
-        winner, colours = joules.argmin(axis=0), ListedColormap(list(_COLOURS.values()))
+        winner, colours = joules.argmin(axis=0), ListedColormap([look.colour for look in _LOOKS.values()])
         axes.pcolormesh(_AXIS / 1e3, _AXIS / 1e3, winner, cmap=colours, vmin=0, vmax=len(held) - 1, rasterized=True)
+        for number, look in enumerate(_LOOKS.values()):
+            if look.hatch and (winner == number).any():
+                where = axes.contourf(
+                    _AXIS / 1e3, _AXIS / 1e3, winner == number, levels=[0.5, 1.5], colors="none", hatches=[look.hatch]
+                )
+                where.set_edgecolor("white")
         axes.axvline(_PRINTED["uplink"], color=INK, linewidth=0.8, linestyle="--")
         axes.axhline(_PRINTED["sidelink"], color=INK, linewidth=0.8, linestyle="--")
         axes.set_title(CASES[name], fontsize=8)
@@ -45,9 +52,9 @@ def carbon_figure(case: Case, energy: Energy) -> Figure:
     figure = new_figure(3.0)
     left, right = figure.subplots(1, 2)
     emitted = [totals(case, *grams(country, country)) for country in COUNTRIES]
-    for place, (method, colour) in enumerate(_COLOURS.items()):
+    for place, (method, look) in enumerate(_LOOKS.items()):
         heights = [each[method].at(energy.ul_bit_per_j, energy.sl_bit_per_j) for each in emitted]
-        bars(left, place, len(METHODS), heights, colour, texts=[f"{each:.2g}" for each in heights])
+        bars(left, place, len(METHODS), heights, look, texts=[f"{each:.2g}" for each in heights])
     left.set_xticks(range(len(COUNTRIES)), list(COUNTRIES))
     left.set_ylabel("gCO2e, both sites there")
     left.set_title(f"{energy.ul_bit_per_j / 1e3:g}/{energy.sl_bit_per_j / 1e3:g} kb/J", fontsize=8)
@@ -56,8 +63,10 @@ def carbon_figure(case: Case, energy: Energy) -> Figure:
     for (robots, datacenter), style in zip(_ABROAD, ("-", "--", ":"), strict=True):
         held = totals(case, *grams(robots, datacenter))
         label = f"robots {robots}, data center {datacenter}"
-        right.plot(_AXIS / 1e3, [_needed(held, ul) / 1e3 for ul in _AXIS], style, color=_COLOURS["fl"], label=label)
-    right.set_ylabel("least by consensus FL above $E_{SL}$ (kb/J)")
+        right.plot(
+            _AXIS / 1e3, [_needed(held, ul) / 1e3 for ul in _AXIS], style, color=_LOOKS["fl"].colour, label=label
+        )
+    right.set_ylabel("consensus FL emits least above\n$E_{SL}$ (kb/J)")
     right.legend(fontsize=6.5)
     figure.legend(handles=_patches(), loc="outside upper center", ncols=len(METHODS))
     return figure
@@ -78,4 +87,4 @@ def _logarithmic(axes: Axes) -> None:
 
 
 def _patches() -> list[Patch]:
-    return [Patch(facecolor=_COLOURS[method], label=name) for method, name in METHODS.items()]
+    return [Patch(**_LOOKS[method].face, label=name) for method, name in METHODS.items()]

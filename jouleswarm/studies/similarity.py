@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -11,6 +12,7 @@ from jouleswarm.environments.landmarks.families import MAX_STEM, Path, draw_fami
 from jouleswarm.environments.landmarks.settings import task_map, world_of
 from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import new_figure
+from jouleswarm.report.look import look
 from jouleswarm.report.table import Cell, Table
 from jouleswarm.studies.arms import PLAIN, failures_of
 from jouleswarm.studies.comparison import comparison_csv, comparison_markdown
@@ -82,7 +84,7 @@ def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> 
     figure = new_figure(3.2)
     axes = figure.subplots()
     for place, (variant, of_seeds) in enumerate(gains(facts).items()):
-        colour = COLOURS[place % len(COLOURS)]
+        one = look(place, COLOURS[place % len(COLOURS)])
         known = values.get(variant, {})
         xs = [known[seed] for seed in of_seeds if seed in known]
         ys = [gain for seed, gain in of_seeds.items() if seed in known]
@@ -91,10 +93,11 @@ def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> 
         arms = dict.fromkeys(fact.arm for fact in facts)
         failed = sum(failures_of(facts, variant, arm)[0] for arm in arms)
         name = variant.replace("=", " ") + (f", {failed} not learned" if failed else "")
-        axes.plot(xs, ys, linestyle="", marker="o", markersize=3, alpha=0.5, color=colour)
+        if len(xs) > 1:
+            axes.plot(xs, ys, linestyle="", marker=one.marker, markersize=3, alpha=0.5, color=one.colour)
         x, y = estimate(xs), estimate(ys)
-        half_x, half_y = x.ci95 or 0.0, y.ci95 or 0.0
-        axes.errorbar(x.mean, y.mean, xerr=half_x, yerr=half_y, fmt="s", color=colour, capsize=2, label=name)
+        spread: dict[str, Any] = {"xerr": x.drawn_ci95, "yerr": y.drawn_ci95} if y.drawn_ci95 else {}
+        axes.errorbar(x.mean, y.mean, **spread, fmt=one.marker, color=one.colour, capsize=2, label=name)
     axes.axhline(1.0, color=INK, linestyle="--", linewidth=0.7)
     axes.set_xlabel("similarity (mean share of common path landmarks)")
     axes.set_ylabel("transfer gain\n(rounds without / with)")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
 
+from jouleswarm.report.canvas import SINGLES, bars
+from jouleswarm.report.look import Look
 from jouleswarm.studies.estimates import Estimate
 
 META, PLAIN_COLOUR = "#E69F00", "#0072B2"
@@ -14,8 +17,27 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#7
 """Okabe and Ito's set, told apart by colour-blind readers."""
 
 
-def points(axes: Axes, xs: list[float], estimates: list[Estimate], **options: Any) -> None:
-    """Means over seeds with their 95% intervals, joined by a line."""
-    means = [found.mean for found in estimates]
-    halves = [found.ci95 or 0.0 for found in estimates]
-    axes.errorbar(xs, means, yerr=halves, capsize=2, elinewidth=0.8, markersize=4, linewidth=1.2, **options)
+def points(axes: Axes, xs: Sequence[float], estimates: Sequence[Estimate], **options: Any) -> None:
+    """Means over seeds with their 95% intervals, joined by a line; of three seeds or fewer each one's value."""
+    means, halves = [found.mean for found in estimates], [found.drawn_ci95 for found in estimates]
+    spread: dict[str, Any] = {"yerr": halves} if any(halves) else {}
+    axes.errorbar(xs, means, **spread, capsize=2, elinewidth=0.8, markersize=4, linewidth=1.2, **options)
+    held = [(x, value) for x, found in zip(xs, estimates, strict=True) for value in found.singles]
+    if held:
+        axes.plot(*zip(*held, strict=True), **SINGLES | {"markeredgecolor": options["color"]})
+
+
+def estimate_bars(
+    axes: Axes,
+    place: int,
+    among: int,
+    found: Sequence[Estimate],
+    look: Look,
+    texts: Sequence[str] = (),
+    *,
+    turned: bool = False,
+) -> None:
+    """One arm's means as bars, with their intervals, or of three seeds or fewer each one's value."""
+    halves, singles = [each.drawn_ci95 for each in found], [each.singles for each in found]
+    means = [each.mean for each in found]
+    bars(axes, place, among, means, look, ci95=halves, singles=singles, texts=texts, turned=turned)

@@ -31,7 +31,7 @@ def test_the_median_runs_over_a_graph_of_one_s_own_from_start_to_bill(
     outcome = run_in_memory(load_scenario(run.path / "manifest.json"))  # with what is kept there
     for (arm, task), payload in outcome.learned.items():
         assert run.weights[f"{arm}-task{task}.safetensors"] == payload
-    reported = start.jouleswarm("report", str(run.path), "--no-figures")
+    reported = start.jouleswarm("report", str(run.path))
     assert reported.ends() == 0, reported.printed
     assert "coordinate-wise median" in reported.printed
 

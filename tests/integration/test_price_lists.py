@@ -49,7 +49,7 @@ def test_the_run_keeps_it(cellular: Any) -> None:
 
 def test_it_is_priced_again_with_any_constant(cellular: Any, starter: Any) -> None:
     only = ["--set", 'energy.prices=["cellular:Cellular"]', "--set", "energy.p0_w=1180", "--ul", "100"]
-    report = starter.jouleswarm("report", str(cellular.path), *only, "--figures", COLUMNS="300")
+    report = starter.jouleswarm("report", str(cellular.path), *only, "--figures", "png,svg", COLUMNS="300")
     assert report.ends() == 0, report.printed
     assert "counted payload" not in report.printed
     literal = cellular.summary["arms"]["maml"]["energy_j"]["literal"]

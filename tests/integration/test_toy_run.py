@@ -148,10 +148,13 @@ def test_weights_of_every_task_and_the_meta_model_open_in_the_safetensors_librar
 def test_figures_and_a_report_that_needs_no_network_are_drawn(toy_run: Any) -> None:
     drawn = {path.name for path in (toy_run.path / "figures").iterdir()}
     names = ("energy", "rounds", "rewards", "learned", "why", "bytes")
-    assert drawn - {"learned.csv"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+    assert drawn - {"learned.csv", "paths.json"} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
     html = (toy_run.path / "report.html").read_text()
     assert "FL, no transfer" in html
     assert not re.search(r"""(src|href)=["'](https?:)?//""", html)
+    # both tasks were learned in both arms: four greedy paths, kept beside the figures
+    assert html.count("<polyline") == 4
+    assert (toy_run.path / "figures" / "paths.json").is_file()
 
 
 def test_a_run_that_is_complete_has_nothing_left_to_go_on_from(toy_run: Any) -> None:

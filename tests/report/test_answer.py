@@ -19,7 +19,7 @@ from jouleswarm.energy.facts import Counts
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.report.answer import Said, answer, factor_text, factor_words, said
 from jouleswarm.report.everyday import everyday
-from jouleswarm.report.html import answer_html
+from jouleswarm.report.pages import part
 from jouleswarm.report.report import report
 from jouleswarm.report.screen import commands, panel
 from jouleswarm.runs.answer import answer_of
@@ -149,7 +149,7 @@ def test_numbers_keep_their_units_at_the_end_of_a_line() -> None:
 
 def test_the_page_begins_with_the_answer(learned) -> None:
     run = load_run(learned)
-    page = answer_html(said(run, run.scenario.energy, answer(run, run.scenario.energy)))
+    page = part("answer", said(run, run.scenario.energy, answer(run, run.scenario.energy)))
     assert page.startswith('<section class="answer"><h1>MAML costs 1.3 times as much as FL, no transfer')
     assert "<dt>why</dt><dd>74% of what MAML costs" in page
 

@@ -30,7 +30,7 @@ def test_each_has_its_place_everywhere(write_run: Callable[..., Path], facts: An
     run = load_run(path)
     energy = run.scenario.energy
     assert totals_table(run, energy).headings[-3:] == LABELS
-    assert len(energy_figure(run, energy).axes) == 2 * 4
+    assert len(energy_figure(run, energy).axes) == 3 * 4
     assert "by frame (frames)" in " ".join(notes(run, energy))
     (control,) = [row for row in bytes_table(run, energy).rows if row[0] == "MAML, t0 = 3: control"]
     assert control[-4:] == ["0.028 J", "-", "-", "-"]  # who sent it is not known, nor how far it went

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
@@ -184,7 +185,7 @@ def test_rows_of_a_later_version_are_not_called_damaged(complete) -> None:
 def test_figures_that_cannot_be_written_are_told_with_the_folder(complete) -> None:
     (complete / "figures").touch()
     with pytest.raises(RunError, match=r"run directory .*: File exists \(.*/figures\)"):
-        report(complete, figures=True, console=Console(quiet=True))
+        report(complete, figures=KINDS, console=Console(quiet=True))
 
 
 def test_a_finished_run_must_have_its_rounds(complete) -> None:
@@ -264,7 +265,7 @@ def test_a_price_that_is_no_price(option: str, value: float, says: str) -> None:
 
 def test_pricing_again_leaves_the_run_as_it_was(complete) -> None:
     before = contents(complete)
-    text = printed(complete, Prices(ul=500, sl=200), figures=True, html=True)
+    text = printed(complete, Prices(ul=500, sl=200), figures=KINDS, html=True)
     # 3187.92 J: links 5.6 + 1.6 to 2.24 + 4 J; 2452.8 J: sidelinks 4.8 to 12 J
     assert "At these prices: MAML 3.188 to 3.187 kJ, FL, no transfer 2.453 to 2.46 kJ" in text.splitlines()[1]
     assert "E_UL 500" in printed(complete, Prices(ul=500, sl=200), details=True)
@@ -365,21 +366,25 @@ def test_html_is_one_file_with_everything_in_it(complete) -> None:
     (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
     text = path.read_text(encoding="utf-8")
     assert path.name == "report.html"
-    assert text.count("<svg") == 5
-    assert not re.search(r"""(src|href)=["']?(https?:|//|data:)|@import|<script|<link""", text)
+    assert text.count("<svg") == 5 + 2 + 1  # figures, maps, and who is linked to whom
+    assert not re.search(r"""(src|href)=["']?(https?:|//|data:)|@import|<script src|<link""", text)
     assert "currentColor" in text
     ids = re.findall(r'\bid="([^"]+)"', text)
     assert len(ids) == len(set(ids))
     used = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
-    assert used <= set(ids)
+    assert {each for each in used if not each.startswith("cause-")} <= set(ids)  # those the script makes
 
 
 def test_html_escapes_what_came_from_outside(complete) -> None:
     manifest = json.loads((complete / MANIFEST).read_text())
-    manifest["run"] = "<b>x</b>"
+    manifest["run"] = hostile = "</script><b>x</b>"
+    manifest["scenario"]["note"] = "{{ 7 * 7 }}" + hostile
     (complete / MANIFEST).write_text(json.dumps(manifest))
     (path,) = report(complete, html=True, console=Console(file=io.StringIO()))
-    assert "<b>x</b>" not in path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
+    assert "<b>x</b>" not in text
+    assert "{{ 7 * 7 }}" in text  # of the template's language too nothing is taken for more than text
+    assert text.count("</script>") == 2
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
 """One description of a table, shown in four ways."""
 
 import io
+import re
 
 import pytest
 from rich.console import Console
 
 from jouleswarm.chaos.plan import Fault
 from jouleswarm.chaos.table import chaos_csv, chaos_table
-from jouleswarm.report.table import Table, csv_text, html_text, markdown_text, show, terminal
+from jouleswarm.report.pages import part
+from jouleswarm.report.table import Table, csv_text, markdown_text, show, terminal
 
 TABLE = Table(
     "E <J> [kJ]",
@@ -30,10 +32,11 @@ def test_for_readers_numbers_have_three_digits_and_bars_are_no_columns() -> None
 
 
 def test_a_pages_rows_have_their_style_as_class_and_nothing_of_theirs_is_markup() -> None:
-    page = html_text(TABLE)
-    assert page.startswith("<h2>E &lt;J&gt; [kJ]</h2>")
-    assert "<tr><td>a|b</td><td>1234.6</td><td>12</td><td>-</td></tr>" in page
-    assert '<tr class="bold"><td>[bold]c</td>' in page
+    page = part("table", TABLE).strip()
+    assert page.startswith('<h2>E &lt;J&gt; [kJ]</h2><div class="wide"><table class="cards">')
+    first, second = re.findall("<tr.*?</tr>", page)[1:]
+    assert re.findall("<td.*?>(.*?)</td>", first) == ["a|b", "1234.6", "12", "-"]
+    assert second.startswith('<tr class="bold"><td data-h="arm">[bold]c</td>')
     assert page.endswith("<p>Lower is better.</p>")
 
 

@@ -20,7 +20,15 @@ def test_two_seeds_have_the_wide_interval_of_one_degree_of_freedom() -> None:
 
 
 def test_one_seed_has_no_interval() -> None:
-    assert estimate([7.5]) == (7.5, None, 1)
+    assert estimate([7.5]) == (7.5, None, 1, ())
+    assert estimate([7.5]).drawn_ci95 == 0
+
+
+def test_three_seeds_are_drawn_as_points_and_four_as_an_interval() -> None:
+    assert (estimate([1, 2, 6]).singles, estimate([1, 2, 6]).drawn_ci95) == ((1, 2, 6), 0)
+    four = estimate([1, 2, 6, 7])
+    assert (four.singles, four.drawn_ci95) == ((), four.ci95)
+    assert estimate([1000, 3000]).scaled(1e-3).singles == (1, 3)
 
 
 def test_a_mean_of_nothing_is_refused() -> None:
