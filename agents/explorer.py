@@ -60,6 +60,7 @@ class Explorer:
         self._task = scenario.task_of(agent)
         self._env, self._evaluation = (TaskEnvironment(scenario, self._task) for _ in range(2))
         self._kept, self._codec = scenario.spaces.observation.kept(scenario.network), experience_codec_of(scenario)
+        self._evaluation.show(self._kept)
         self._arm, self._starts = "", self._starts_of(scenario.cluster(self._task), scenario.learning.starts)
         self._rng = stream(scenario.seed, "explore", agent)
         self._rounds = 0  # since `begin`
@@ -73,13 +74,11 @@ class Explorer:
         """How the newest `evaluate` was begun, for who wants to see it again."""
 
     def begin(self, arm: str, cluster: Sequence[int]) -> None:
-        """Start afresh, with random streams that depend on the arm and not on what came before it.
-
-        `cluster`: the robots that share the places to start from.
-        """
+        """Start afresh, with random streams that depend on the arm alone; `cluster` shares the places to start from."""
         seed = self._scenario.seed
         self._arm, self._starts = arm, self._starts_of(cluster, self._scenario.learning.starts)
         self._rng = stream(seed, arm, "explore", self._agent)
+        self._env.show(self._kept)
         self._env.reset(seed=integer(seed, arm, "environment", self._agent))
         self._evaluation.reset(seed=integer(seed, arm, "evaluation", self._agent))
         self._frame, self._shown, self._is_under_way, self._rounds = None, None, False, 0
@@ -106,13 +105,12 @@ class Explorer:
 
     def collect(self, learner: Learner, motions: int) -> int:
         """Move epsilon-greedily, from exploring starts, into the learner's replay; returns the transitions."""
-        epsilon = self._scenario.learning.epsilon
         self._next_round()
         for _ in range(motions):
             if self._frame is None:
                 self._frame = self._small(self._env.reset(options=_choose(self._starts, self._rng)))
                 learner.replay.observe(self._frame, first=True)
-            action = epsilon_greedy(learner.q_values(self._frame), epsilon, self._rng)
+            action = epsilon_greedy(learner.q_values(self._frame), self._scenario.learning.epsilon, self._rng)
             step = self._env.step(action)
             self.tally.motion()
             learner.replay.act(action, step.reward, terminated=step.terminated)
@@ -164,11 +162,11 @@ class Explorer:
 
         The walk goes on from round to round, as in `collect`.
         """
-        epsilon = self._scenario.learning.epsilon
+        self._env.show(None)  # what goes up is as the environment shows it
         self._next_round()
 
         def choose(shown: Array) -> int:
-            return epsilon_greedy(policy.q_values(self._small(shown)), epsilon, self._rng)
+            return epsilon_greedy(policy.q_values(self._small(shown)), self._scenario.learning.epsilon, self._rng)
 
         yield from self._sent(round_, self._walk(choose, self._starts, self._rng))
 
@@ -207,6 +205,7 @@ class Explorer:
         """The motions of a meta-learning round, after the round before."""
         epsilon, rng = self._scenario.meta.epsilon, stream(self._scenario.seed, "meta", "explore", self._agent, round_)
         place = self._places[round_ - 1]
+        self._env.show(None)
         self._env.reset(seed=integer(self._scenario.seed, "meta", "environment", self._agent, round_))
         self._is_under_way, self._shown = place is not None, None
         if place is not None:

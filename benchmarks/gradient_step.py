@@ -1,9 +1,12 @@
-"""A robot's gradient step beside the same step in a bare PyTorch loop, paper-size network, one thread.
+"""A robot's gradient step beside the same step in a bare PyTorch loop, and what of it is arithmetic; one thread.
 
-    python -m benchmarks.gradient_step
+    python -m benchmarks.gradient_step [--scenarios paper quick] [--repeats 7]
 
 Both sides: double DQN targets, Huber loss, gradient clipping, fused Adam, target tracking, batch of 32. The
-bare loop has its batches ready as tensors; the robot draws and converts them from replay.
+bare loop has its batches ready as tensors; the robot draws and converts them from replay. Processor time, so that it
+does not matter what else the machine does. The arithmetic is what the robot's step spends inside the kernels of
+convolutions and matrix products (oneDNN and MKL), as PyTorch's profiler sees it: nothing around them can save more than
+the rest.
 """
 
 from __future__ import annotations
@@ -15,22 +18,39 @@ import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
+from torch.profiler import ProfilerActivity, profile
 
-from benchmarks.harness import compare, in_turn, seconds
+from benchmarks.harness import compare, cpu_seconds, in_turn, parser
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.learner import Learner
 from jouleswarm.learning.networks import build_qnetwork, to_weights
 
-STEPS, REPEATS = 10, 7
+STEPS = 10
+_KERNELS = ("aten::mkldnn_convolution", "aten::convolution_backward", "aten::addmm", "aten::mm")
 
 
 def main() -> None:
+    known = parser(__doc__)
+    known.add_argument("--scenarios", nargs="+", default=["paper", "quick"])
+    known.add_argument("--repeats", type=int, default=7)
+    options = known.parse_args()
     use_one_thread()
-    scenario = load_scenario("paper")
-    sides = {"robot": partial(seconds, _robot(scenario)), "bare loop": partial(seconds, _bare(scenario))}
-    print(compare("a step", in_turn(sides, REPEATS), factor=1e3 / STEPS))
+    for name in options.scenarios:
+        scenario = load_scenario(name)
+        robot = _robot(scenario)
+        sides = {"robot": partial(cpu_seconds, robot), "bare loop": partial(cpu_seconds, _bare(scenario))}
+        print(compare(f"a step of {name}", in_turn(sides, options.repeats), factor=1e3 / STEPS))
+        print(f"in the kernels of convolutions and matrix products: {arithmetic_share(robot):.0%} of the robot's step")
+
+
+def arithmetic_share(steps: Callable[[], None]) -> float:
+    """What share of the time the kernels take."""
+    with profile(activities=[ProfilerActivity.CPU]) as seen:
+        steps()
+    spent = {each.key: each.self_cpu_time_total for each in seen.key_averages()}
+    return sum(spent.get(name, 0.0) for name in _KERNELS) / sum(spent.values())
 
 
 def _robot(scenario: Scenario) -> Callable[[], None]:

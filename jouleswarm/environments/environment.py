@@ -6,6 +6,8 @@ Any gymnasium.Env with observations in a Box or a Discrete space and Discrete ac
 - `state()`, `load_state(state)`: plain values of all that a step depends on but `np_random`, which is kept for it.
   Without, nothing can go on in the middle: each round begins by `reset(seed=...)`, seeded by robot, arm and round.
 - `look()`: another observation from where it stands, as `reset` returns it. Without, the last one is kept.
+- `show_as(shape)`: show observations of this shape from now on, or with None such as the space says; returns whether it
+  does. Without, images are shrunk after they were drawn.
 - `guide()`: the next action of a known good policy, for the data center's experience. Without, random actions.
 - `start(where, share, shares)`: `reset` options for `learning.starts`, one dict or several that are drawn from.
   Without, none.
@@ -28,6 +30,7 @@ from jouleswarm.common.disk.state import generator_state, load_generator
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError
 from jouleswarm.common.scenario.environments import first_line, spaces_of
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.wire.messages import MAX_REWARD
 
 Array = npt.NDArray[Any]
@@ -40,6 +43,7 @@ class Environment(Protocol):
     def state(self) -> dict[str, Any]: ...
     def load_state(self, state: dict[str, Any]) -> None: ...
     def look(self) -> tuple[Any, dict[str, Any]]: ...
+    def show_as(self, shape: tuple[int, ...] | None) -> bool: ...
     def guide(self) -> int: ...
     def start(self, where: str, share: int, shares: int) -> Options | Sequence[Options]: ...
     def judge(self, total: float) -> tuple[float, dict[str, float]]: ...
@@ -93,6 +97,14 @@ class TaskEnvironment:
     def look(self) -> Array:
         """Another observation from where it stands; only where `can_look`."""
         return self._read(self._asked("look", self._env.unwrapped.look, 2)[0])
+
+    def show(self, kept: Observation | None) -> None:
+        """Have observations shown as they are `kept` from now on, where the environment can, or as its space says."""
+        if not self._has("show_as"):
+            return
+        shape = None if kept is None else kept.shape
+        does = self._asked("show_as", lambda: bool(self._env.unwrapped.show_as(shape)))
+        self._seen = kept if kept is not None and does else self.spaces.observation
 
     def step(self, action: int) -> Step:
         """Take an action, counted from 0."""

@@ -46,11 +46,12 @@ def _measured(scenario: Scenario) -> Speed:
     network, rng = build_qnetwork(scenario, 0), np.random.default_rng(0)
     learner = Learner(network, scenario.learning.model_copy(update={"replay_size": 100}), to_weights(network), rng)
     environment = TaskEnvironment(scenario, scenario.tasks[0].id)
+    environment.show(kept := scenario.spaces.observation.kept(scenario.network))
     frame, began = environment.reset(seed=1), 0.0
     for motion in range(-3, _MOTIONS):
         if motion == 0:
             began = time.process_time()
-        seen = shrink(frame, scenario.spaces.observation.kept(scenario.network))
+        seen = shrink(frame, kept)
         learner.replay.observe(seen, first=motion == -3)
         learner.q_values(seen)
         step = environment.step(int(rng.integers(len(scenario.spaces.actions))))

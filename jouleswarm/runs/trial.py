@@ -42,6 +42,9 @@ def tried(scenario: Scenario) -> Interface:
 def _begun(scenario: Scenario, task: int) -> None:
     try:
         environment = TaskEnvironment(scenario, task)
+        environment.show(scenario.spaces.observation.kept(scenario.network))
+        environment.reset(seed=1)
+        environment.show(None)
         for where in {scenario.learning.starts, scenario.meta.starts}:
             for options in environment.starts(where, 0, len(scenario.cluster(task)))[:1]:
                 environment.reset(seed=1, options=options)

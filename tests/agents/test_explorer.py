@@ -192,6 +192,25 @@ def test_robots_of_a_cluster_start_in_areas_of_their_own() -> None:
     assert arrived == [{0, 1, 3}, {4, 6, 7, 9, 10}]
 
 
+def test_a_robot_that_draws_small_sends_frames_as_large_as_before_and_does_not_depend_on_them() -> None:
+    settings = scenario_from(
+        {**scenario().model_dump(), "camera": {"width": 16, "height": 12, "draw": "input"}}, "test"
+    )
+
+    def learned(explorer: Explorer) -> list[Any]:
+        explorer.begin("maml", settings.cluster(1))
+        robot = always(FORWARD, settings)
+        explorer.collect(robot, 12)
+        return [part.tolist() for part in robot.replay.sample(20, np.random.default_rng(1))]
+
+    explorer, fresh = Explorer(settings, 1), Explorer(settings, 1)
+    sent = list(explorer.motions(1))
+    assert len([decode_motion(payload, image(12, 16)) for payload in sent]) == 8
+    after_sending = learned(explorer)
+    assert after_sending == learned(fresh)  # as one that comes back when the others have sent
+    assert list(explorer.motions(2)) == list(fresh.motions(2))
+
+
 @pytest.mark.parametrize("motions", [1, 3, 8, 11])  # between episodes or in the middle of one
 @pytest.mark.parametrize("sends", [False, True], ids=["into its own memory", "to the data center"])
 def test_an_explorer_that_comes_back_goes_on_bit_by_bit(sends: bool, motions: int, tmp_path: Path) -> None:

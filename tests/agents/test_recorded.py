@@ -139,3 +139,19 @@ def test_the_example_s_wall_is_as_far_away_as_it_is() -> None:
     env = LandmarksEnv(task=2, scenario=EXAMPLES / "recorded.toml")
     frame, _ = env.reset(seed=1, options={"start": (3, 1)})
     assert abs(int(frame[18, 24, 3]) - 51) <= 2  # 1 m, of 5, give or take 0.03 m
+
+
+def test_pictures_are_shrunk_once_where_robots_see_them_small() -> None:
+    env = LandmarksEnv(task=2, scenario=load_scenario(EXAMPLES / "recorded.toml", ["camera.draw=input"]))
+    assert env.show_as((18, 24, 4))
+    frame, _ = env.reset(seed=1, options={"start": (3, 1)})
+    assert frame.shape == (18, 24, 4)
+    assert abs(int(frame[9, 12, 3]) - 51) <= 2  # the same wall
+    assert env.show_as(None)
+    assert env.look()[0].shape == env.observation_space.shape
+
+
+def test_frames_stay_as_they_are_unless_the_scenario_has_them_drawn_small() -> None:
+    env = LandmarksEnv(task=2, scenario=EXAMPLES / "recorded.toml")
+    assert not env.show_as((18, 24, 4))
+    assert env.reset(seed=1)[0].shape == env.observation_space.shape

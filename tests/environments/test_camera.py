@@ -8,12 +8,13 @@ from jouleswarm.common.scenario.reading import scenario_from
 from jouleswarm.environments.landmarks.camera import Camera
 from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
 from jouleswarm.environments.landmarks.settings import World, shared_obstacles
+from jouleswarm.environments.landmarks.small import SmallCamera
 
 STILL = CameraSettings(pose_jitter_m=0, heading_jitter_deg=0, noise=0)
 HORIZON, MIDDLE, DEPTH = 240, 320, 3
 
 
-def look(camera: Camera, cell: tuple[int, int], seed: int = 0) -> np.ndarray:
+def look(camera: Camera | SmallCamera, cell: tuple[int, int], seed: int = 0) -> np.ndarray:
     return camera.frame(cell, np.random.default_rng(seed))
 
 
@@ -110,3 +111,29 @@ def test_only_obstacles_of_all_tasks_are_in_the_world() -> None:
     tasks = [{"id": i, "map": text} for i, text in enumerate(maps, 1)]
     data = {"name": "x", "methods": ["fl"], "world": {"rows": 3, "cols": 2}, "tasks": tasks}
     assert shared_obstacles(scenario_from(data, "test")) == {(0, 1)}
+
+
+@pytest.mark.parametrize(("row", "grey"), [(7, 51), (5, 153)])  # as above
+@pytest.mark.parametrize("size", [(96, 72), (48, 36), (84, 84)])
+def test_a_small_camera_sees_what_is_left_of_a_frame_when_it_is_shrunk(
+    row: int, grey: int, size: tuple[int, int]
+) -> None:
+    width, height = size
+    small = look(SmallCamera(World(), STILL, frozenset(), size), (row, 2))
+    shrunk = resize(look(Camera(World(), STILL), (row, 2)), width, height)
+    assert small.shape == shrunk.shape
+    assert small[height // 2, width // 2, DEPTH] == grey
+    # Both average, over other points of tiles and edges: no whole pixel apart on the whole, nor brighter or darker.
+    apart = small.astype(float) - shrunk
+    assert np.abs(apart).mean() < 2.0
+    assert abs(apart.mean()) < 0.5
+
+
+def test_a_small_camera_has_the_noise_that_averaging_leaves() -> None:
+    # 100 x 100 pixels of deviation 50 become one: 50 / 100 = 0.5, and rounding to whole levels 0.5 -> 0.58
+    still = STILL.model_copy(update={"width": 400, "height": 300})
+    noisy = still.model_copy(update={"noise": 50.0})
+    cameras = [SmallCamera(World(), each, frozenset(), (4, 3)) for each in (noisy, still)]
+    of, clean = ([look(camera, (7, 2), seed).astype(float) for seed in range(200)] for camera in cameras)
+    inside = (np.array(clean) > 3) & (np.array(clean) < 252)
+    assert (np.array(of) - np.array(clean))[inside].std() == pytest.approx(0.58, abs=0.05)

@@ -153,7 +153,7 @@ def test_a_robot_with_the_keys_of_another_scenario_says_so_at_once(
 ) -> None:
     robot = start.python(
         "jouleswarm.agents", "--scenario", TOY, "--set", "federation.robots_per_cluster=5", "--id", "9",
-        "--broker", guarded.url, "--keys", str(keys),
+        "--broker", guarded.url, "--keys", str(keys), "--quiet",
     )  # fmt: skip
     assert robot.ends() == 2
     (line,) = robot.printed.splitlines()

@@ -186,7 +186,7 @@ WRONG_ROBOTS = {
 @pytest.mark.parametrize("case", WRONG_ROBOTS)
 def test_a_robot_started_wrongly_says_so_in_one_line_with_exit_code_2(case: str, start: Any) -> None:
     options, said = WRONG_ROBOTS[case]
-    process = start.python("jouleswarm.agents", "--scenario", TOY, *options)
+    process = start.python("jouleswarm.agents", "--quiet", "--scenario", TOY, *options)
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert line.startswith(f"robot {options[1]}: ")
@@ -203,7 +203,7 @@ def test_every_option_of_a_robot_is_taken_from_the_environment_too(start: Any, n
 
 
 def test_a_data_center_without_an_arm_to_serve_says_so(start: Any) -> None:
-    process = start.python("jouleswarm.datacenter", "--scenario", TOY, *sets(("methods=['fl']",)))
+    process = start.python("jouleswarm.datacenter", "--quiet", "--scenario", TOY, *sets(("methods=['fl']",)))
     assert process.ends() == 2
     (line,) = process.printed.splitlines()
     assert "need no data center" in line

@@ -17,8 +17,11 @@ from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.pictures import missing
 from jouleswarm.environments.landmarks.recorded import RecordedCamera
 from jouleswarm.environments.landmarks.settings import camera_of, shared_obstacles, world_of
+from jouleswarm.environments.landmarks.small import SmallCamera
 
 Frame = npt.NDArray[np.uint8]
+Size = tuple[int, int]
+"""Width, height."""
 
 
 class Frames(Protocol):
@@ -36,20 +39,23 @@ class _InUse(threading.local):
 _in_use = _InUse()
 
 
-def new_camera(scenario: Scenario) -> Frames:
-    """The camera that a scenario asks for."""
+def new_camera(scenario: Scenario, size: Size | None = None) -> Frames:
+    """The camera that a scenario asks for; its frames are of `size`, where given."""
     world, settings = world_of(scenario), camera_of(scenario)
     if settings.frames is not None:
         if lacks := next(missing(Path(settings.frames), world.rows, world.cols), None):
             raise ConfigurationError(lacks)
-        return RecordedCamera(settings, Path(settings.frames))
+        shown = settings.model_copy(update={"width": size[0], "height": size[1]}) if size else settings
+        return RecordedCamera(shown, Path(settings.frames))
+    if size is not None:
+        return SmallCamera(world, settings, shared_obstacles(scenario), size)
     return Camera(world, settings, shared_obstacles(scenario))
 
 
-def camera_in_use(scenario: Scenario) -> Frames:
+def camera_in_use(scenario: Scenario, size: Size | None = None) -> Frames:
     """A camera of this thread that another environment of the same world looks through, else a new one: its views
     take much memory, and two of the same settings see the same."""
-    key = world_of(scenario), camera_of(scenario), shared_obstacles(scenario)
+    key = world_of(scenario), camera_of(scenario), shared_obstacles(scenario), size
     if (found := _in_use.cameras.get(key)) is None:
-        found = _in_use.cameras[key] = new_camera(scenario)
+        found = _in_use.cameras[key] = new_camera(scenario, size)
     return found

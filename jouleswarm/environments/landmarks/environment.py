@@ -16,7 +16,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.environments.landmarks.cameras import Frame, Frames, new_camera
+from jouleswarm.environments.landmarks.cameras import Frame, Frames, camera_in_use, new_camera
 from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.settings import ACTION_NAMES, CHANNELS, camera_of, task_map, world_of
 from jouleswarm.environments.landmarks.tasks import (
@@ -56,7 +56,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         camera: another environment's `camera`, of the same scenario, to share its memory; in one thread only.
 
     Beside what Gymnasium asks for it offers all that a robot may ask of its environment (see
-    `environments.environment`): `state`, `look`, `guide`, `start` and `judge`.
+    `environments.environment`): `state`, `look`, `show_as`, `guide`, `start` and `judge`.
 
     Raises:
         ConfigurationError: the scenario cannot be read, has no such task, a start is not on the grid, or an option of
@@ -91,7 +91,8 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         self.task_map = task_map(scenario, task)
         self.rewards = task_table(scenario, task)
         self._world, self._discount = world_of(scenario), scenario.learning.discount
-        self.camera = camera or new_camera(scenario)
+        self.camera = self._seen_by = camera or new_camera(scenario)
+        self._scenario, self._small = scenario, dict[tuple[int, ...], Frames]()
         self._cell, self._motions, self._is_over = self.task_map.entry, 0, True
         self._walked: list[Cell] = []
         shape = (camera_of(scenario).height, camera_of(scenario).width, len(CHANNELS))
@@ -112,6 +113,19 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
     def look(self) -> tuple[Frame, Info]:
         """Another frame from where the robot stands, as after `reset`."""
         return self._look(), self._info()
+
+    def show_as(self, kept: tuple[int, ...] | None) -> bool:
+        """Show frames of shape `kept` from now on, or with None such as the space says; whether it does.
+
+        It does not where `camera.draw` is "frame".
+        """
+        self._seen_by, size = self.camera, self.observation_space.shape
+        if kept is None or kept == size or camera_of(self._scenario).draw == "frame":
+            return kept in (None, size)
+        if kept not in self._small:
+            self._small[kept] = camera_in_use(self._scenario, (kept[1], kept[0]))
+        self._seen_by = self._small[kept]
+        return True
 
     def step(self, action: np.int64 | int) -> tuple[Frame, float, bool, bool, Info]:
         if isinstance(action, bool) or not self.action_space.contains(action):
@@ -171,7 +185,7 @@ class LandmarksEnv(gymnasium.Env[Frame, np.int64]):
         return table_policy(self.rewards, self.task_map, self._discount)
 
     def _look(self) -> Frame:
-        self._frame = self.camera.frame(self._cell, self.np_random)
+        self._frame = self._seen_by.frame(self._cell, self.np_random)
         if self._window:
             seen = map_picture(self.task_map, self.rewards, self._walked)
             self._window.show(side_by_side(self._frame[..., :3], seen))

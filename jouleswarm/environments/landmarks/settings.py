@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -46,6 +46,12 @@ class Camera(Section):
     )
     heading_jitter_deg: float = Field(2.0, ge=0, lt=45, description="and looks within this of straight ahead")
     noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
+    draw: Literal["frame", "input"] = Field(
+        "frame",
+        description="what robots look at when they learn and are evaluated: frame, drawn at width x height and shrunk, "
+        "or input, drawn at the network's input size at once: quicker, and the same but for rounding and noise; what "
+        "goes up to the data center is width x height with both",
+    )
     frames: str | None = Field(
         None,
         max_length=4096,
