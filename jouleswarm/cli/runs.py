@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jouleswarm.cli.document import JsonOption, print_document
 from jouleswarm.cli.options import EnergyOption
 from jouleswarm.common.invoked import executable
-from jouleswarm.common.scenario.reading import Override
+
+if TYPE_CHECKING:
+    from jouleswarm.common.scenario.reading import Override
 
 
 class Target(StrEnum):

@@ -18,8 +18,8 @@ from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import bytes_figure, rewards_figure
 from jouleswarm.report.spending import learned_figure
-from jouleswarm.report.times import time_figure
-from jouleswarm.report.why import tornado_figure
+from jouleswarm.report.time_figure import time_figure
+from jouleswarm.report.tornado import tornado_figure
 from jouleswarm.runs.breakeven import comparable
 from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run

@@ -18,9 +18,6 @@ from jouleswarm.common.scenario.reading import Override
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.metering.metered import Metered
 from jouleswarm.report.answer import answer, said
-from jouleswarm.report.budget import budget_table
-from jouleswarm.report.figures import write_figures
-from jouleswarm.report.html import write_html
 from jouleswarm.report.metered_report import report_metered
 from jouleswarm.report.notes import headline, notes, warnings
 from jouleswarm.report.opened import load
@@ -30,7 +27,6 @@ from jouleswarm.report.table import Table, show
 from jouleswarm.report.tables import energy_table, report_tables
 from jouleswarm.report.why import why_tables
 from jouleswarm.runs.answer import Answer
-from jouleswarm.runs.curves import curves
 from jouleswarm.runs.run import Run
 
 _DETAILED_ARMS = 3  # on a terminal; report.html has a table for each of any number
@@ -74,14 +70,23 @@ def report(
     run, energy = own.at(priced), priced.energy
     more = why_tables(run, energy) if why else []
     if budget is not None:
+        from jouleswarm.report.budget import budget_table  # late, as the figures are: with pandas
+        from jouleswarm.runs.curves import curves
+
         more.append(budget_table(curves(run, energy), budget))
     if meters is not None:
         more.append(outside_table(run, energy, meters))
     before = answer(own, own.scenario.energy) if suffix else None
     print_report(run, energy, console, more, details=details, before=before)
     with full_disk_is_told(str(run_dir)), usable("run directory", run.path, RunError):
-        written = write_figures(run, energy, suffix, figures) if figures else []
+        written: list[Path] = []
+        if figures:
+            from jouleswarm.report.figures import write_figures  # late: it loads what draws
+
+            written = write_figures(run, energy, suffix, figures)
         if html:
+            from jouleswarm.report.html import write_html
+
             written.append(write_html(run, energy, suffix))
     show_next(run, written, console or Console())
     if run.misfits:

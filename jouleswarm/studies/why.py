@@ -16,7 +16,8 @@ from jouleswarm.energy.prices import with_beta
 from jouleswarm.energy.why import Hang, scaled, total_of
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.report.table import Cell, Table
-from jouleswarm.report.why import sorted_hangs, tornado, why_table
+from jouleswarm.report.tornado import tornado
+from jouleswarm.report.why import sorted_hangs, why_table
 from jouleswarm.studies.arms import PLAIN, ArmOf, arms_by_variant, names_of
 from jouleswarm.studies.breakeven import Compared, mean_facts
 from jouleswarm.studies.facts import META_STAGE, Fact

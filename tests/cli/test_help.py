@@ -69,6 +69,7 @@ for words in {words!r}:
     except SystemExit as end:
         assert (end.code or 0) == (2 if any(word.startswith(("no", "quik")) for word in words) else 0), words
     assert not (loaded := {HEAVY!r} & sys.modules.keys()), (words, loaded)
+    assert words != ["--help"] or not {{"numpy", "pydantic", "networkx"}} & sys.modules.keys()
 """.replace(repr(HEAVY), repr(set(HEAVY)))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

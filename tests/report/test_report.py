@@ -3,6 +3,8 @@
 import io
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -408,3 +410,14 @@ def test_bytes_as_text(size: float, text: str) -> None:
 )
 def test_joules_as_text(joules: float | None, text: str) -> None:
     assert joules_text(joules) == text
+
+
+def test_a_report_that_draws_nothing_does_not_load_what_draws(complete: Path) -> None:
+    code = f"""
+import sys
+from jouleswarm.cli.main import app
+app(["report", {str(complete)!r}, "--details", "--why"], standalone_mode=False)
+print({{"matplotlib", "pandas", "torch"}} & set(sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"

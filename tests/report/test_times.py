@@ -15,7 +15,8 @@ import pytest
 from jouleswarm.common.scenario.reading import with_prices
 from jouleswarm.report.figures import write_figures
 from jouleswarm.report.notes import notes
-from jouleswarm.report.times import battery_tables, seconds_tables, time_figure
+from jouleswarm.report.time_figure import time_figure
+from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.runs.run import Run, load_run
 from jouleswarm.runs.seconds import front
 from jouleswarm.runs.summary import summarise

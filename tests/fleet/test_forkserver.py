@@ -1,0 +1,46 @@
+"""What the fork server has loaded before it forks, and what it must not have begun."""
+
+import json
+import os
+import subprocess
+import sys
+
+CODE = """
+import gc, json, os, sys
+from jouleswarm.fleet.forkserver import load
+load()
+threads, kept, before = len(os.listdir("/proc/self/task")), gc.get_freeze_count(), set(sys.modules)
+
+from jouleswarm.agents.explorer import Explorer
+from jouleswarm.common.process import use_one_thread
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.start import start_weights
+from jouleswarm.methods.trial import try_learning
+
+use_one_thread()
+scenario = load_scenario("toy", ["methods=['fl']"])
+explorer, weights = Explorer(scenario, 1), start_weights(scenario, 1)
+learner = Learner(build_qnetwork(scenario), scenario.learning, weights, explorer._rng)
+explorer.begin("fl", (1, 2))
+explorer.collect(learner, 20)
+learner.learn(1)
+try_learning(scenario)
+after = sorted(set(sys.modules) - before)
+print(json.dumps({"threads": threads, "kept": kept, "before": sorted(before), "after": after}))
+"""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # as the launcher has it
+
+
+def test_the_fork_server_has_what_a_robot_needs_and_no_thread() -> None:
+    environment = {**os.environ, **ONE_THREAD}
+    done = subprocess.run([sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found["threads"] == 1  # of others a forked process would have nothing but their locks
+    assert found["kept"] > 100_000  # objects that no collection looks at
+    assert {"torch._dynamo", "cv2", "paho.mqtt.client", "jouleswarm.datacenter.center"} <= set(found["before"])
+    assert not {"matplotlib", "pandas", "nicegui", "mlflow", "scipy.stats"} & set(found["before"])
+    # A robot that learns loads next to nothing more: 48 robots would load it 48 times.
+    assert not [name for name in found["after"] if name.startswith("jouleswarm")]
+    assert len(found["after"]) < 10, found["after"]
