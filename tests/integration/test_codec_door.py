@@ -54,8 +54,8 @@ def test_a_codec_that_does_not_round_trip_ends_every_process_before_it_begins(st
     )
     out = tmp_path / "runs"
     command = start.jouleswarm("run", str(scenario), "--out", str(out))
-    robot = start.python("jouleswarm.agents", "--id", "1", "--scenario", str(scenario))
-    center = start.python("jouleswarm.datacenter", "--scenario", str(scenario))
+    robot = start.python("jouleswarm.agents", "--quiet", "--id", "1", "--scenario", str(scenario))
+    center = start.python("jouleswarm.datacenter", "--quiet", "--scenario", str(scenario))
     assert [each.ends() for each in (command, robot, center)] == [2, 2, 2]
     for each, name in ((command, "jouleswarm run"), (robot, "robot 1"), (center, "data center")):
         assert each.printed == f"{name}: {told}\n"
