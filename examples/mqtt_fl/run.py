@@ -9,7 +9,6 @@ printed, and FOLDER keeps it for `jouleswarm report FOLDER`.
 from __future__ import annotations
 
 import csv
-import signal
 import subprocess
 import sys
 import tempfile
@@ -43,7 +42,7 @@ def metered(folder: Path) -> Iterator[str]:
         if url is None:
             sys.exit(meter.wait(60))  # it has said why
         yield url.rsplit(":", 1)[1]
-        meter.send_signal(signal.SIGINT)
+        meter.terminate()
         meter.communicate(timeout=60)  # its report, for whoever had started it by hand
 
 
