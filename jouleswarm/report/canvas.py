@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Bbox
 
 from jouleswarm.report.arms import INK, labels, looks
 from jouleswarm.report.look import Look, hatched
@@ -40,6 +42,17 @@ def new_figure(height_in: float) -> Figure:
     """An empty figure of the report's width."""
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     FigureCanvasAgg(figure)
+    return figure
+
+
+def settled(figure: Figure) -> Figure:
+    """The same, its axes where the layout has put them, to a millionth: the solver's last bits differ from time to
+    time, and ids in an SVG are made of them."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position(Bbox(np.round(place.get_points(), 6)))
     return figure
 
 

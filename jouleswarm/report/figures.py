@@ -16,6 +16,7 @@ from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.report.arms import INK
 from jouleswarm.report.bars import energy_figure, rounds_figure
+from jouleswarm.report.canvas import settled
 from jouleswarm.report.curves import bytes_figure, rewards_figure
 from jouleswarm.report.spending import learned_figure
 from jouleswarm.report.time_figure import time_figure
@@ -91,7 +92,7 @@ def save_figure(
         "pdf": {"dpi": dpi, "metadata": {"CreationDate": None}},
     }
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        figure = draw()
+        figure = settled(draw())
         for kind in kinds:
             figure.savefig(folder / f"{name}.{kind}", format=kind, **options[kind])
     return [folder / f"{name}.{kind}" for kind in kinds]
@@ -103,7 +104,7 @@ def inline_svgs(run: Run, energy: Energy) -> dict[str, str]:
     for name in _of(run, energy):
         with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "savefig.facecolor": "none"}):
             file = io.StringIO()
-            _FIGURES[name](run, energy).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
+            settled(_FIGURES[name](run, energy)).savefig(file, format="svg", metadata={"Date": None}, transparent=True)
         svg = file.getvalue()
         svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
         svg = re.sub(r'\bid="', f'id="{name}-', svg)
