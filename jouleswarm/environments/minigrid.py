@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import gymnasium
@@ -41,6 +42,7 @@ def minigrid(
     if not 1 <= actions <= len(_ACTIONS):
         raise ConfigurationError(f"minigrid: {actions} actions, expected 1 to {len(_ACTIONS)}")
     try:
+        importlib.import_module("minigrid")  # to its end, where it registers: its parts are there before
         from minigrid.wrappers import ImgObsWrapper, RGBImgPartialObsWrapper
     except ModuleNotFoundError as error:
         raise ConfigurationError(
