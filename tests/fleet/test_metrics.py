@@ -150,11 +150,12 @@ class Scraping(io.StringIO):
     def __init__(self) -> None:
         super().__init__()
         self.url, self.body = "", ""
+        self.scraping = threading.Thread(target=self._scrape)
 
     def write(self, text: str) -> int:
         self.url = self.url or "".join(re.findall(r"http://\S+", text))
         if text.startswith("waiting"):
-            threading.Thread(target=self._scrape).start()
+            self.scraping.start()
         return super().write(text)
 
     def _scrape(self) -> None:
@@ -174,6 +175,7 @@ def test_who_scrapes_again_and_again_reads_the_bill_before_the_port_is_closed(
             assert b"jouleswarm_run_info" in answer.read()
     metrics.end(run)
     metrics.close()
+    screen.scraping.join(20)  # its answer is given by now, but perhaps not taken
     # 30 rounds of two robots, 5000 B to the neighbour each.
     assert 'jouleswarm_payload_bytes_total{arm="fl",link="sidelink",phase="fl"} 300000.0' in screen.body
     with pytest.raises(URLError):
