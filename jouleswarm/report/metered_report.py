@@ -48,6 +48,7 @@ def report_metered(
 
 def _headline(metered: Metered) -> str:
     status = "running" if not metered.is_complete and is_held(metered.path) else metered.status
-    clients = len({row.client for row in metered.rows if row.client and row.topic and not row.topic.startswith(TOPIC)})
+    heard = {row.client for row in metered.rows if row.topic and not row.topic.startswith(TOPIC)}
+    nameless = " and those without an id" if "" in heard else ""
     nothing = "" if metered.bill_rows else "; nothing passed that a rule prices"
-    return f"metered since {metered.manifest['started']}, {status}, {clients} clients{nothing}"
+    return f"metered since {metered.manifest['started']}, {status}, {len(heard - {''})} clients{nameless}{nothing}"

@@ -34,7 +34,7 @@ def check_installed(option: str) -> None:
         ConfigurationError: MLflow is not installed.
     """
     if importlib.util.find_spec("mlflow") is None:
-        raise ConfigurationError(f"{option} needs it: pip install jouleswarm[mlflow]")
+        raise ConfigurationError(f"{option} needs MLflow: pip install jouleswarm[mlflow]")
 
 
 class Store:

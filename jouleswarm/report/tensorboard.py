@@ -95,7 +95,7 @@ def _writer_class(option: str) -> Any:
     try:
         from tensorboard.summary import Writer
     except ImportError as error:
-        raise ConfigurationError(f"{option} needs it: pip install jouleswarm[tensorboard]") from error
+        raise ConfigurationError(f"{option} needs TensorBoard: pip install jouleswarm[tensorboard]") from error
     return Writer
 
 
