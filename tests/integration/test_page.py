@@ -6,8 +6,7 @@ import json
 import re
 import shutil
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,6 +15,7 @@ import psutil
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
+from tests.integration.conftest import wait_until
 from tests.made_up_meter import MadeUpMeter
 
 CHROMIUM = shutil.which("chromium")
@@ -40,13 +40,6 @@ class Seen:
 
     def joules(self, arm: str) -> float:
         return float(self.page.locator(f'[data-arm="{arm}"] [data-joules]').get_attribute("data-joules") or "nan")
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline_s = time.monotonic() + WITHIN_MS / 1000
-    while not condition():
-        assert time.monotonic() < deadline_s, f"not in time: {what}"
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")
