@@ -43,6 +43,9 @@ ScenarioChoice = Annotated[
 Seeds = Annotated[int | None, typer.Option(help="How many seeds. Default: the study's own.")]
 FirstSeed = Annotated[int, typer.Option(help="The first of the seeds.")]
 T0 = Annotated[int | None, typer.Option("--t0", help="Rounds of meta-training. Default: the study's own.")]
+Methods = Annotated[
+    str | None, typer.Option(help="Methods, with commas between; fl is always among them. Default: the study's own.")
+]
 Workers = Annotated[int, typer.Option(help="Deployments at a time, on this machine.")]
 Scheduler = Annotated[
     str | None, typer.Option(envvar="JOULESWARM_SCHEDULER", help="A Dask scheduler of yours: tcp://HOST:8786.")
@@ -122,6 +125,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         seeds: Seeds = None,
         first_seed: FirstSeed = 1,
         t0: T0 = None,
+        methods: Methods = None,
         workers: Workers = _CORES,
         scheduler: Scheduler = None,
         work: Work = None,
@@ -140,6 +144,7 @@ def _command(name: StudyName) -> Callable[..., None]:
             overrides=tuple(set_ or ()),
             seeds=range_of_seeds(kind.seeds if seeds is None else seeds, first_seed),
             t0=kind.t0 if t0 is None else t0,
+            methods=tuple(each.strip() for each in (methods or "").split(",") if each.strip()),
         )
         where = Where(
             work=work or Path("runs") / f"study-{name}-{label}",

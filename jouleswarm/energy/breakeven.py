@@ -75,6 +75,33 @@ def tasks_to_pay(savings: Savings) -> float:
     return seen + (stage_j - seen * seen_j) / unseen_j
 
 
+class Kind(NamedTuple):
+    """Tasks that cost the same."""
+
+    count: float
+    """How many there are; infinite: as many as are asked for."""
+    plain_j: float
+    """Of one without a stage."""
+    mine_j: float
+    """Of one with it, without the stage itself."""
+
+
+def tasks_for(factor: float, stage_j: float, kinds: Iterable[Kind]) -> float:
+    """From how many tasks on the bill without is `factor` times that with the stage; infinite: never.
+
+    The first kind's come first, then the next one's. With M tasks: sum plain_j = factor (stage_j + sum mine_j).
+    """
+    done, left_j = 0.0, factor * stage_j
+    for count, plain_j, mine_j in kinds:
+        each_j = plain_j - factor * mine_j
+        if each_j > 0 and left_j <= count * each_j:
+            return done + left_j / each_j
+        if math.isinf(count):
+            break
+        done, left_j = done + count, left_j - count * each_j
+    return math.inf
+
+
 def returns_to_pay(savings: Savings) -> float:
     """How often seen tasks must come back, each learned anew, until their savings pay for the stage; may be infinite.
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean
 from typing import Literal, NamedTuple
 
+from jouleswarm.common.doors import SHIPPED
+from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import META_STAGE, Fact
@@ -34,16 +36,57 @@ def arms_by_variant(facts: Iterable[Fact]) -> dict[str, list[ArmOf]]:
 
 
 def names_of(arms: Iterable[ArmOf]) -> dict[ArmOf, str]:
-    """Names of a variant's arms: `without` or `t0 = 42` where that tells them apart, else their own."""
+    """Names of a variant's arms: `without` or `t0 = 42` where that tells them apart; `maml, t0 = 42` where a method
+    has several t0; else their own."""
     held = list(arms)
     apart = len({arm.t0 for arm in held}) == len(held) and all(arm.t0 or arm.arm == PLAIN for arm in held)
-    return {arm: (f"t0 = {arm.t0}" if arm.t0 else "without") if apart else arm.arm for arm in held}
+    if apart:
+        return {arm: f"t0 = {arm.t0}" if arm.t0 else "without" for arm in held}
+    several = len({method_of(arm.arm) for arm in held}) < len({arm.arm for arm in held})
+    return {arm: f"{method_of(arm.arm)}, t0 = {arm.t0}" if several and arm.t0 else arm.arm for arm in held}
+
+
+class Line(NamedTuple):
+    """An arm as the paper's tables have it: learning without transfer, or a method at a t0."""
+
+    method: str
+    t0: int
+    arm: str
+
+
+def lines_of(facts: Iterable[Fact]) -> list[Line]:
+    """Learning without transfer, then method by method (MAML, the paper's own, first), the smallest t0 first; methods
+    with no stage are left out."""
+    found = {Line(fact.method, fact.t0, fact.arm): None for fact in facts if fact.t0 or fact.arm == PLAIN}
+    order = list(dict.fromkeys([PLAIN, *SHIPPED["methods"], *(line.method for line in found)]))
+    return sorted(found, key=lambda line: (order.index(line.method), line.t0))
+
+
+def series_of(facts: Sequence[Fact]) -> dict[str, list[Fact]]:
+    """Method -> its facts and those without transfer, in the order of `lines_of`; without methods these alone."""
+    methods = dict.fromkeys(line.method for line in lines_of(facts) if line.t0) or {PLAIN: None}
+    return {method: [fact for fact in facts if fact.method == method or fact.arm == PLAIN] for method in methods}
 
 
 def arms_by_t0(facts: Iterable[Fact]) -> dict[int, str]:
-    """t0 -> arm, 0 for learning without transfer, the smallest first. Other methods are left out."""
+    """t0 -> arm of one series, 0 for learning without transfer, the smallest first. Other methods are left out."""
     found = {fact.t0: fact.arm for fact in facts if fact.t0 or fact.arm == PLAIN}
     return dict(sorted(found.items()))
+
+
+Groups = dict[str, tuple[int, ...]]
+"""Name of a group of tasks -> their ids."""
+
+
+def groups_of(facts: Iterable[Fact], training: Iterable[int]) -> Groups:
+    """Tasks that meta-training has not seen, those that it has, and all; without the groups that are empty."""
+    tasks, seen = tasks_of(facts), set(training)
+    groups = {
+        "unseen": tuple(task for task in tasks if task not in seen),
+        "seen": tuple(task for task in tasks if task in seen),
+        "all": tasks,
+    }
+    return {name: of for name, of in groups.items() if of}
 
 
 def tasks_of(facts: Iterable[Fact]) -> tuple[int, ...]:
@@ -84,3 +127,9 @@ def zero_shot_share(facts: Iterable[Fact]) -> float | None:
     if not held or any(fact.evaluation_motions is None for fact in held):
         return None
     return fmean(fact.learned and not fact.rounds for fact in held)
+
+
+def copied_share(facts: Iterable[Fact]) -> float | None:
+    """Share of tasks whose R reached the target in round 0 or 1, so before there was much to learn; None of none."""
+    held = task_stages(facts)
+    return fmean(fact.learned and fact.rounds_first <= 1 for fact in held) if held else None

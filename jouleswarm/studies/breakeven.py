@@ -34,6 +34,11 @@ class Compared(NamedTuple):
     """Tasks that the stage was learned from."""
     variant: str = ""
 
+    @property
+    def method(self) -> str:
+        """Of the first."""
+        return self.mine[0].method
+
     def means(self, energy: Energy, prices: PriceList = literal) -> Savings | None:
         """Of the mean over seeds; None where the price list is not defined."""
         return savings(mean_facts(self.mine), mean_facts(self.plain), self.seen, energy, prices)

@@ -13,9 +13,9 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.bill import Cost
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList, own_lists, price_lists
-from jouleswarm.studies.columns import Column, Value, rounds_sum
-from jouleswarm.studies.comparison_figures import panels_figure
+from jouleswarm.energy.prices import PriceList, own_lists
+from jouleswarm.studies.columns import Column, Value
+from jouleswarm.studies.comparison_figures import panels_figure, rounds_columns
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.kinds import Kind, Outputs
 from jouleswarm.studies.prices import priced
@@ -53,19 +53,22 @@ def codec_points(scenario: Scenario) -> list[Point]:
     return points + [Point("experience", codec, (f'meta.experience_codec="{codec}"',)) for codec in frames]
 
 
-def codecs_figure(facts: Sequence[Fact], scenario: Scenario, groups: dict[str, dict[str, str]]) -> Figure:
-    """Rounds, Gbit on the links that an encoding is for, and their joules; weights above, experience below."""
-    own = own_lists(price_lists(scenario))
+def codecs_figure(facts: Sequence[Fact], record: Record) -> Figure:
+    """Rounds of unseen and of seen tasks, Gbit on the links that an encoding is for, and their joules; weights above,
+    experience below."""
+    own, rounds, energy = own_lists(record.lists), rounds_columns(record), record.scenario.energy
     rows = {
-        what: (groups[what], _columns(links, scenario.energy, own)) for what, links in _LINKS.items() if what in groups
+        what: (record.groups[what], [*rounds, *_columns(links, energy, own)])
+        for what, links in _LINKS.items()
+        if what in record.groups
     }
-    return panels_figure(facts, scenario, rows, 2.3, numbered=True)
+    return panels_figure(facts, record.scenario, rows, 2.3, numbered=True)
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """One table of all encodings, one figure."""
     made = comparison_outputs("Encodings", facts, record)
-    made.figures["codecs"] = lambda: codecs_figure(facts, record.scenario, record.groups)
+    made.figures["codecs"] = lambda: codecs_figure(facts, record)
     return made
 
 
@@ -78,11 +81,10 @@ def _columns(links: Links, energy: Energy, own: Sequence[PriceList]) -> list[Col
         return value
 
     return [
-        Column("rounds", "rounds, all tasks", 1, rounds_sum),
         Column("bits", f"{links.name} (Gbit)", 1e9, lambda run: BITS_PER_BYTE * links.moved_bytes(run)),
         Column("joules", f"{links.name} (kJ)", 1e3, joules(literal)),
         *(Column(each.name, f"{links.name} (kJ),\n{each.label}", 1e3, joules(each)) for each in own),
     ]
 
 
-KIND = Kind("codecs", 3, 90, partial(sweep, points=codec_points), outputs)
+KIND = Kind("codecs", 5, 90, partial(sweep, points=codec_points), outputs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -13,13 +13,15 @@ from jouleswarm.energy.carbon import at_sites, carbon, has_carbon
 from jouleswarm.energy.items import BITS_PER_BYTE
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, own_lists
-from jouleswarm.studies.arms import zero_shot_share
+from jouleswarm.studies.arms import copied_share, zero_shot_share
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import cost_of, failures, moved_bytes, moved_motions, priced, runs_of, task_stages
 
 Value = Callable[[list[Fact]], float | None]
 """Of the facts of one arm and seed; None where it is not known."""
+Seen = Callable[[str], Collection[int]]
+"""Variant -> tasks that its meta-training has seen."""
 
 
 class Column(NamedTuple):
@@ -32,6 +34,8 @@ class Column(NamedTuple):
     unit: float
     """What readers see one of, for example 1000 J."""
     of: Value
+    counts: bool = True
+    """Whether a run that was cut off makes it a lower bound."""
 
     @property
     def names(self) -> tuple[str, str]:
@@ -63,6 +67,25 @@ def total_column(prices: PriceList, energy: Energy, heading: str) -> Column:
         return bill.total_j if bill else None
 
     return Column("total_j" if prices is literal else f"{prices.name}_j", heading, 1e3, total_j)
+
+
+def apart_columns(seen: Seen) -> list[Column]:
+    """Rounds of unseen tasks and of seen ones, and what share of them was copied; not known where there are none."""
+
+    def of(name: str, value: Value) -> Value:
+        def held(run: list[Fact]) -> float | None:
+            known = seen(run[0].variant)
+            mine = [fact for fact in task_stages(run) if (fact.task in known) == (name == "seen")]
+            return value(mine) if mine else None
+
+        return held
+
+    groups = ("unseen", "seen")
+    rounds = [Column(f"rounds_{name}", f"rounds, {name}", 1, of(name, rounds_sum)) for name in groups]
+    copied = [
+        Column(f"copied_{name}", f"copied, {name} (%)", 0.01, of(name, copied_share), counts=False) for name in groups
+    ]
+    return [*rounds, *copied]
 
 
 MOTIONS = Column("motions", "motions", 1, moved_motions)
@@ -118,12 +141,13 @@ def carbon_columns(energy: Energy, prices: PriceList = literal) -> list[Column]:
     return [Column(*each, 1, grams(each[0])) for each in headings.items()] if has_carbon(energy) else []
 
 
-def arm_columns(energy: Energy, lists: Sequence[PriceList]) -> list[Column]:
-    """All that a comparison of arms tells, in the order of its tables."""
+def arm_columns(energy: Energy, lists: Sequence[PriceList], seen: Seen | None = None) -> list[Column]:
+    """All that a comparison of arms tells, in the order of its tables; unseen tasks apart where `seen` is told."""
     return [
         Column("rounds", "rounds", 1, rounds_sum),
-        Column("success", "learned (%)", 0.01, lambda run: 1 - failures(run) / len(task_stages(run))),
-        Column("zero_shot", "zero-shot (%)", 0.01, zero_shot_share),
+        *(apart_columns(seen) if seen else []),
+        Column("success", "learned (%)", 0.01, lambda run: 1 - failures(run) / len(task_stages(run)), counts=False),
+        Column("zero_shot", "zero-shot (%)", 0.01, zero_shot_share, counts=False),
         *cause_columns(energy, [cause for cause in CAUSES if cause in PAPER_CAUSES or _acting(energy).get(cause.key)]),
         *phase_columns(energy),
         *site_columns(energy),

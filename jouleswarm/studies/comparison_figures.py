@@ -17,29 +17,35 @@ from jouleswarm.report.arms import INK, method_colour, method_label
 from jouleswarm.report.canvas import SINGLES, new_figure
 from jouleswarm.report.look import looks_of
 from jouleswarm.studies.arms import failures_of
-from jouleswarm.studies.columns import Column, cause_columns, rounds_sum, total_column
+from jouleswarm.studies.columns import Column, apart_columns, cause_columns, rounds_sum, total_column
 from jouleswarm.studies.comparison import arms_of
 from jouleswarm.studies.estimates import Estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import moved_bytes
+from jouleswarm.studies.record import Record
 from jouleswarm.studies.style import estimate_bars
 
 _CAUSES = looks_of(("#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7"))
 _ROUNDS = Column("rounds", "rounds, all tasks", 1, rounds_sum)
 
 
-def group_figure(facts: Sequence[Fact], scenario: Scenario, what: str, variants: Mapping[str, str]) -> Figure:
-    """Rounds, energy and bits against the values of what was varied, arm beside arm; energy by literal prices, and in
-    a panel each by the user's own lists; as `panels_figure`.
+def group_figure(facts: Sequence[Fact], record: Record, what: str, variants: Mapping[str, str]) -> Figure:
+    """Rounds of unseen and of seen tasks, energy and bits against the values of what was varied, arm beside arm;
+    energy by literal prices, and in a panel each by the user's own lists; as `panels_figure`.
     """
-    energy = scenario.energy
+    scenario, energy = record.scenario, record.scenario.energy
     columns = [
-        _ROUNDS,
+        *rounds_columns(record),
         total_column(literal, energy, "energy $E$ (kJ)"),
         *(total_column(each, energy, f"$E$ (kJ), {each.label}") for each in own_lists(price_lists(scenario))),
         Column("bits", "moved (Gbit)", 1e9, lambda run: BITS_PER_BYTE * moved_bytes(run)),
     ]
     return panels_figure(facts, scenario, {what: (variants, columns)}, 2.5)
+
+
+def rounds_columns(record: Record) -> list[Column]:
+    """Rounds of unseen tasks and, beside them, of seen ones."""
+    return [column for column in apart_columns(record.seen) if column.name.startswith("rounds")]
 
 
 def panels_figure(
@@ -107,7 +113,8 @@ def causes_figure(facts: Sequence[Fact], scenario: Scenario) -> Figure:
         if not_learned:
             told = f" {not_learned} of {trials} not learned"
             others[-1].annotate(told, (0, place), fontsize=6, va="center", ha="left")
-    first.set_yticks(range(len(held)), [method_label(scenario, method_of(arm)) for _, arm in held])
+    names = [", ".join(filter(None, (method_label(scenario, method_of(arm)), variant))) for variant, arm in held]
+    first.set_yticks(range(len(held)), names)
     first.invert_yaxis()
     for axes, column in zip((first, *others), (total, *columns), strict=True):
         axes.set_xlabel(column.heading)

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from jouleswarm.common.doors import SHIPPED
+from jouleswarm.common.scenario.arms import method_of
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.report.look import look
 from jouleswarm.runs.curves import SPENT
@@ -60,6 +62,27 @@ def curves_figures(
         if any(arm.variant in shown.values() for arm in known):
             figures[f"rewards{name}"] = partial(curves_figure, found, _rows(shown, ("reward",)))
     return figures
+
+
+def by_method(found: Mapping[str, Curves]) -> dict[str, Mapping[str, Curves]]:
+    """End of a file's name -> what is in its figures: a method each, beside the arms without a stage, where several
+    methods have several t0 each; else all."""
+    arms = dict.fromkeys(arm for curves in found.values() for arm in curves.arms)
+    ran = dict.fromkeys(method_of(arm.arm) for arm in arms if arm.t0)
+    methods = [method for method in dict.fromkeys([*SHIPPED["methods"], *ran]) if method in ran]
+    several = all(len({arm.arm for arm in arms if method_of(arm.arm) == method}) > 1 for method in methods)
+    if len(methods) < 2 or not several:
+        return {"": found}
+
+    def of(method: str) -> dict[str, Curves]:
+        return {
+            what: curves._replace(
+                arms={arm: each for arm, each in curves.arms.items() if not arm.t0 or method_of(arm.arm) == method}
+            )
+            for what, curves in found.items()
+        }
+
+    return {f"-{method}" if place else "": of(method) for place, method in enumerate(methods)}
 
 
 def _rows(shown: Mapping[str, str], statistics: Sequence[Statistic]) -> list[Row]:

@@ -14,6 +14,7 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.documents import parse_toml
 from jouleswarm.common.scenario.reading import load_scenario, scenario_path
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.methods.consensus import BASELINE
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ class Request:
     overrides: tuple[str, ...]
     seeds: tuple[int, ...]
     t0: int
+    methods: tuple[str, ...] = ()
+    """Those asked for in place of the study's own."""
 
     @property
     def text(self) -> str:
@@ -96,12 +99,27 @@ class Request:
         return load_scenario(self.scenario_file, [*settings, *self.overrides, *more])
 
     @property
-    def meta_method(self) -> str:
-        """The scenario's own method of meta-learning: the first one it names, else MAML."""
+    def meta_methods(self) -> tuple[str, ...]:
+        """The scenario's own methods of meta-learning, as it names them."""
         _ = self.text  # of a file that is not there, its error says what to do
         scenario = load_scenario(self.scenario_file)
         named = zip(scenario.methods, scenario.method_names, strict=True)
-        return next((said for said, name in named if name in scenario.meta_methods), "maml")
+        return tuple(said for said, name in named if name in scenario.meta_methods)
+
+    @property
+    def meta_method(self) -> str:
+        """The first of them, else MAML."""
+        return next(iter(self.meta_methods), "maml")
+
+    def with_plain(self, *own: str) -> list[str]:
+        """The methods asked for, or a study's `own`, each once, and learning without transfer."""
+        return list(dict.fromkeys([*(self.methods or own), BASELINE]))
+
+    def jobs_by_method(self, settings: Sequence[str], variant: Variant) -> list[Job]:
+        """A job a seed and method of the scenario, so that each is short; what comes of them is put together again."""
+        methods = self.scenario(settings, variant.overrides).methods
+        apart = [Variant(variant.label, (*variant.overrides, methods_setting([method]))) for method in methods]
+        return [job for seed in self.seeds for job in self.jobs(apart, settings, [seed])]
 
     def jobs(
         self, variants: Iterable[Variant], settings: Sequence[str], seeds: Iterable[int] | None = None

@@ -13,7 +13,7 @@ from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
 from jouleswarm.studies.curves import curves_csv, curves_of
-from jouleswarm.studies.curves_figures import curves_figures
+from jouleswarm.studies.curves_figures import by_method, curves_figures
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.files import write_atomically
 from jouleswarm.studies.jobs import Job, Request
@@ -37,12 +37,13 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study runs; `settings` are those of all its jobs, `groups` and `values` see `Record`."""
+    """What a study runs; `settings` are those of all its jobs, `groups`, `values` and `training` see `Record`."""
 
     jobs: list[Job]
     settings: list[str]
     groups: dict[str, dict[str, str]] = field(default_factory=dict)
     values: dict[str, dict[int, float]] = field(default_factory=dict)
+    training: dict[str, tuple[int, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ class Kind:
         made = self.tables(held, record)
         curves = curves_of(held, record.scenario)
         made.csv["curves"] = curves_csv(curves)
-        made.figures.update(curves_figures(curves, record.groups))
+        for name, shown in by_method(curves).items():
+            made.figures |= {f"{each}{name}": draw for each, draw in curves_figures(shown, record.groups).items()}
         if pairs := against_plain(held, record.scenario):
             made.csv["why"] = why_csv(pairs, energy)
             made.markdown["why"] = why_markdown(pairs, energy)

@@ -7,13 +7,14 @@ from typing import Literal, get_args
 StudyName = Literal["paper", "baselines", "sensitivity", "regimes", "similarity", "codecs"]
 
 _HELP = (
-    "The paper's Table II and its Figs. 3 and 4: rounds and energy against t0. 15 seeds. --t0: of the break-even map; "
-    "without it the best one that ran at each point.",
-    "All methods side by side: rounds, success, joules by cause, bits. 5 seeds, t0 = 90.",
-    "Training tasks, cluster size, topology, batches a round, one at a time. 3 seeds, t0 = 90.",
-    "The scenario's own learner against the authors' (slow, target copied rarely) and one that explores more. 5 seeds, "
-    "t0 = 90.",
-    "Families of tasks from far to near: what transfer saves against what their paths share. 3 seeds, t0 = 90.",
-    "Ways to encode weights and experience: bytes, rounds and joules. 3 seeds, t0 = 90.",
+    "The paper's Table II and its Figs. 3 and 4: rounds and energy against t0, MAML exact, first-order MAML and joint "
+    "training beside learning without transfer. 15 seeds. --t0: of the break-even map; without it the best one that "
+    "ran at each point.",
+    "All methods side by side, and one robot a task: rounds, success, joules by cause, bits. 15 seeds, t0 = 90.",
+    "Training tasks, cluster size, topology, batches a round, one at a time. 5 seeds, t0 = 90.",
+    "The scenario's own learner against the authors' (slow, target copied rarely), theirs in earnest, and one that "
+    "explores more. 8 seeds, t0 = 90.",
+    "Families of tasks from far to near: what transfer saves against what their paths share. 5 seeds, t0 = 90.",
+    "Ways to encode weights and experience: bytes, rounds and joules. 5 seeds, t0 = 90.",
 )
 STUDIES: dict[StudyName, str] = dict(zip(get_args(StudyName), _HELP, strict=True))

@@ -20,13 +20,14 @@ from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.report.look import look, looks_of
-from jouleswarm.studies.arms import PLAIN, arms_by_t0, rounds_estimate, tasks_of
+from jouleswarm.studies.arms import PLAIN, arms_by_t0, failures_of, rounds_estimate, tasks_of
 from jouleswarm.studies.breakeven import Compared, gain_map
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.paper_energy import compared_arms, energy_rows, optimum
 from jouleswarm.studies.prices import PAIRS, PRICE_LISTS, facts_of, runs_of
 from jouleswarm.studies.style import COLOURS, META, PLAIN_COLOUR, estimate_bars, points
+from jouleswarm.studies.tables import at_least
 
 PAPER_T0 = 210
 _PAIR_LOOKS = ((INK, ""), ("#D55E00", "white"))
@@ -49,11 +50,13 @@ def figure_3(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] =
     for place, (arm, one) in enumerate(zip(arms.values(), looks, strict=True)):
         start = Estimate(float(t0 if arm != PLAIN else 0), None, 1)
         rounds = [start, *(rounds_estimate(facts, arm, (task,)) for task in tasks)]
+        cut_off = [0, *(failures_of(facts, "", arm, (task,))[0] for task in tasks)]
         shown = [*(_stage_estimates(facts, arm, energy, prices, tasks) for prices in lists), rounds]
         for row, found in zip(panels, shown, strict=True):
+            texts = [at_least(f"{each.mean:.3g}", runs) for each, runs in zip(found, cut_off, strict=False)]
             if arm != PLAIN:
-                estimate_bars(row[0], 0, 1, found[:1], one, [f"{each.mean:.3g}" for each in found[:1]])
-            estimate_bars(row[1], place, len(arms), found[1:], one, [f"{each.mean:.3g}" for each in found[1:]])
+                estimate_bars(row[0], 0, 1, found[:1], one, texts[:1])
+            estimate_bars(row[1], place, len(arms), found[1:], one, texts[1:])
             for axes, margin in zip(row, (0.4, 0.03), strict=True):
                 axes.margins(x=margin, y=0.14)
     for (left, _), what in zip(panels, [*(f"energy (kJ),\n{each.label}" for each in lists), "rounds"], strict=True):
@@ -66,17 +69,24 @@ def figure_3(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] =
 
 
 def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] = PRICE_LISTS) -> Figure:
-    """Fig. 4a: E_ML, the sum of E_FL and E against t0, for both pairs of efficiencies; a panel a price list."""
+    """Fig. 4a: E_ML, the sum of E_FL and E against t0, for both pairs of efficiencies; a panel a price list.
+
+    A total among whose runs some were cut off is marked as a lower bound.
+    """
     figure = new_figure(3.2)
     for axes, prices in zip(figure.subplots(1, len(lists), squeeze=False, sharey=True)[0], lists, strict=True):
         for pair, (colour, inside) in zip(PAIRS, _PAIR_LOOKS, strict=True):
-            rows = energy_rows(facts, energy, pair, prices)
-            if rows is None:
+            rows = sorted(energy_rows(facts, energy, pair, prices) or (), key=lambda row: row.t0)
+            if not rows:
                 continue
             t0s = [float(row.t0) for row in rows]
             for part, marker, line in (("ml", "D", "-"), ("fl", "s", "-"), ("total", "", "--")):
                 held = [getattr(row, part).scaled(1e-3) for row in rows]
                 points(axes, t0s, held, color=colour, marker=marker, markerfacecolor=inside or colour, linestyle=line)
+            for row in (row for row in rows if row.not_learned):
+                axes.annotate(
+                    "≥", (row.t0, row.total.mean / 1e3), xytext=(3, 3), textcoords="offset points", color=colour
+                )
             best = optimum(rows)
             axes.plot(best.t0, best.total.mean / 1e3, marker="o", color=colour, fillstyle="none", markersize=9)
         axes.set_title(prices.label)
@@ -99,15 +109,17 @@ def figure_4a(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceList] 
 
 
 def figure_4b(facts: Sequence[Fact]) -> Figure:
-    """Fig. 4b: rounds t_i against t0, a line a task."""
+    """Fig. 4b: rounds t_i against t0, a line a task; an open marker is a lower bound."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     arms = arms_by_t0(facts)
     for place, task in enumerate(tasks_of(facts)):
         found = [rounds_estimate(facts, arm, (task,)) for arm in arms.values()]
+        cut_off = [failures_of(facts, "", arm, (task,))[0] for arm in arms.values()]
         at = [t0 + (place - len(tasks_of(facts)) / 2) for t0 in arms]  # side by side, so that no interval hides another
         one = look(place, COLOURS[place % len(COLOURS)])
-        points(axes, at, found, color=one.colour, marker=one.marker, linestyle=one.line, label=f"task {task}")
+        drawn = {"color": one.colour, "marker": one.marker, "linestyle": one.line, "label": f"task {task}"}
+        points(axes, at, found, cut_off, **drawn)
     axes.set_xlabel("$t_0$ (rounds)")
     axes.set_ylabel("$t_i$ (rounds)")
     axes.set_ylim(bottom=0)

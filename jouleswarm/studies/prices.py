@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
@@ -92,6 +92,16 @@ def cost_of(facts: Sequence[Fact], energy: Energy) -> Cost:
     """
     held = facts_of(facts)
     return literal.price(held, with_beta(energy, held)).both
+
+
+def of_tasks(run: Sequence[Fact], tasks: Collection[int]) -> list[Fact]:
+    """Of one arm of one run some tasks' facts, with the whole stage but of its way down only what is theirs."""
+    held = task_stages(run)
+    mine = [fact for fact in held if fact.task in tasks]
+    share = sum(fact.robots for fact in mine) / max(1, sum(fact.robots for fact in held))
+    stage = [fact for fact in run if fact.task == META_STAGE]
+    theirs = [fact.model_copy(update={"downlink_bytes": share * fact.downlink_bytes}) for fact in stage]
+    return [*theirs, *mine]
 
 
 def moved_bytes(facts: Iterable[Fact]) -> float:

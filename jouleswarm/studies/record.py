@@ -31,6 +31,13 @@ class Record(BaseModel):
     values: dict[str, dict[int, float]] = Field(default_factory=dict)
     """Variant -> seed -> what was computed of its scenario before it ran (similarity, say)."""
 
+    training: dict[str, tuple[int, ...]] = Field(default_factory=dict)
+    """Variant -> tasks of its meta-training, where these are other ones than the scenario's."""
+
+    def seen(self, variant: str) -> tuple[int, ...]:
+        """Tasks that meta-training has seen."""
+        return self.training.get(variant, self.scenario.meta.training_tasks)
+
     @property
     def lists(self) -> tuple[PriceList, ...]:
         """The scenario's price lists."""

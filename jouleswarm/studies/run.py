@@ -62,6 +62,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         t0=request.t0,
         groups=plan.groups,
         values=plan.values,
+        training=plan.training,
     )
     write_record(where.results, record)
     try:

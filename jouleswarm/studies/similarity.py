@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jouleswarm.environments.landmarks.families import MAX_STEM, Path, draw_family, drawing, similarity
@@ -14,8 +16,7 @@ from jouleswarm.report.arms import INK
 from jouleswarm.report.canvas import new_figure
 from jouleswarm.report.look import look
 from jouleswarm.report.table import Cell, Table
-from jouleswarm.studies.arms import PLAIN, failures_of
-from jouleswarm.studies.comparison import comparison_csv, comparison_markdown
+from jouleswarm.studies.arms import PLAIN, failures_of, groups_of
 from jouleswarm.studies.estimates import estimate
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.jobs import Request, Variant
@@ -23,7 +24,7 @@ from jouleswarm.studies.kinds import Kind, Outputs, Plan
 from jouleswarm.studies.prices import failures, runs_of, task_stages
 from jouleswarm.studies.record import Record
 from jouleswarm.studies.style import COLOURS
-from jouleswarm.studies.sweeps import pair_settings
+from jouleswarm.studies.sweeps import comparison_outputs, pair_settings
 
 
 def plan(request: Request) -> Plan:
@@ -53,72 +54,92 @@ def tasks_setting(ids: Sequence[int], family: Sequence[Path], rows: int, cols: i
     return f"tasks=[{', '.join(tasks)}]"
 
 
-def gains(facts: Sequence[Fact]) -> dict[str, dict[int, float]]:
-    """Variant -> seed -> rounds without over rounds with meta-learning, summed over tasks."""
+def gains(facts: Sequence[Fact], tasks: Collection[int] | None = None) -> dict[str, dict[int, float]]:
+    """Variant -> seed -> rounds without over rounds with meta-learning, summed over `tasks` (default all).
+
+    Where with it none were needed the gain is infinite.
+    """
     found: dict[str, dict[int, float]] = {}
     for variant in dict.fromkeys(fact.variant for fact in facts):
         arms = dict.fromkeys(fact.arm for fact in facts if fact.variant == variant and fact.arm != PLAIN)
         without = runs_of(facts, variant, PLAIN)
         for arm in arms:
             found[variant] = {
-                seed: _rounds(without[seed]) / _rounds(run)
+                seed: _gain(without[seed], run, tasks)
                 for seed, run in runs_of(facts, variant, arm).items()
                 if seed in without
             }
     return found
 
 
-def gains_csv(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Table:
-    """A row a variant and seed: similarity, gain, and how many tasks of both arms were not learned."""
+def gains_csv(facts: Sequence[Fact], values: dict[str, dict[int, float]], training: Collection[int]) -> Table:
+    """A row a variant and seed: similarity, gain of all, unseen and seen tasks, and how many tasks of both arms were
+    not learned."""
     rows: list[tuple[Cell, ...]] = []
+    groups = groups_of(facts, training)
+    apart = [gains(facts, groups[name]) if name in groups else {} for name in ("unseen", "seen")]
     for variant, of_seeds in gains(facts).items():
         for seed, gain in of_seeds.items():
             run = [fact for fact in facts if (fact.variant, fact.seed) == (variant, seed)]
             counted = (failures(run), len(task_stages(run)))
-            rows.append((variant, seed, values.get(variant, {}).get(seed), gain, *counted))
-    return Table("Transfer gain", ("variant", "seed", "similarity", "gain", "not_learned", "trials"), rows)
+            told = (gain, *(each.get(variant, {}).get(seed) for each in apart))
+            rows.append((variant, seed, values.get(variant, {}).get(seed), *told, *counted))
+    headings = ("variant", "seed", "similarity", "gain", "gain_unseen", "gain_seen", "not_learned", "trials")
+    return Table("Transfer gain", headings, rows)
 
 
-def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]]) -> Figure:
-    """Transfer gain against similarity: a point a run, and the mean of each stem with its interval."""
+def gains_figure(facts: Sequence[Fact], values: dict[str, dict[int, float]], training: Collection[int]) -> Figure:
+    """Transfer gain against similarity, of unseen and of seen tasks: a point a run, and the mean of each stem with its
+    interval; open where tasks were not learned."""
+    groups = {name: of for name, of in groups_of(facts, training).items() if name != "all"}
     figure = new_figure(3.2)
-    axes = figure.subplots()
-    for place, (variant, of_seeds) in enumerate(gains(facts).items()):
+    panels = figure.subplots(1, len(groups), squeeze=False, sharey=True)[0]
+    for axes, (name, of) in zip(panels, groups.items(), strict=True):
+        _draw_gains(axes, facts, of, values)
+        axes.axhline(1.0, color=INK, linestyle="--", linewidth=0.7)
+        axes.set_title(f"{name} tasks ({', '.join(map(str, of))})")
+        axes.set_xlabel("similarity (mean share of\ncommon path landmarks)")
+        axes.set_ylim(bottom=0)
+    panels[0].set_ylabel("transfer gain\n(rounds without / with)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right center")
+    return figure
+
+
+def _draw_gains(axes: Axes, facts: Sequence[Fact], tasks: Collection[int], values: dict[str, dict[int, float]]) -> None:
+    for place, (variant, of_seeds) in enumerate(gains(facts, tasks).items()):
         one = look(place, COLOURS[place % len(COLOURS)])
         known = values.get(variant, {})
-        xs = [known[seed] for seed in of_seeds if seed in known]
-        ys = [gain for seed, gain in of_seeds.items() if seed in known]
+        shown = {seed: gain for seed, gain in of_seeds.items() if seed in known and math.isfinite(gain)}
+        xs, ys = [known[seed] for seed in shown], list(shown.values())
         if not xs:
             continue
         arms = dict.fromkeys(fact.arm for fact in facts)
         failed = sum(failures_of(facts, variant, arm)[0] for arm in arms)
+        cut_off = any(failures_of(facts, variant, arm, tasks)[0] for arm in arms)
         name = variant.replace("=", " ") + (f", {failed} not learned" if failed else "")
         if len(xs) > 1:
             axes.plot(xs, ys, linestyle="", marker=one.marker, markersize=3, alpha=0.5, color=one.colour)
         x, y = estimate(xs), estimate(ys)
         spread: dict[str, Any] = {"xerr": x.drawn_ci95, "yerr": y.drawn_ci95} if y.drawn_ci95 else {}
-        axes.errorbar(x.mean, y.mean, **spread, fmt=one.marker, color=one.colour, capsize=2, label=name)
-    axes.axhline(1.0, color=INK, linestyle="--", linewidth=0.7)
-    axes.set_xlabel("similarity (mean share of common path landmarks)")
-    axes.set_ylabel("transfer gain\n(rounds without / with)")
-    axes.set_ylim(bottom=0)
-    figure.legend(loc="outside right center")
-    return figure
+        inside = {"markerfacecolor": "white" if cut_off else one.colour}
+        axes.errorbar(x.mean, y.mean, **spread, fmt=one.marker, color=one.colour, capsize=2, label=name, **inside)
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
     """The comparison of all stems, the gains, and gain against similarity."""
-    energy = record.scenario.energy
-    title, lists = "Families of tasks from far to near", record.lists
-    return Outputs(
-        csv={"similarity": comparison_csv(facts, energy, lists), "gains": gains_csv(facts, record.values)},
-        markdown={"similarity": [comparison_markdown(facts, energy, title, lists)]},
-        figures={"similarity": lambda: gains_figure(facts, record.values)},
+    training = record.scenario.meta.training_tasks
+    made = comparison_outputs("Families of tasks from far to near", facts, record)
+    made.csv["gains"] = gains_csv(facts, record.values, training)
+    made.figures["similarity"] = lambda: gains_figure(facts, record.values, training)
+    return made
+
+
+def _gain(without: Sequence[Fact], with_: Sequence[Fact], tasks: Collection[int] | None) -> float:
+    above, below = (
+        sum(fact.rounds for fact in task_stages(run) if tasks is None or fact.task in tasks) for run in (without, with_)
     )
+    return above / below if below else math.inf if above else 1.0
 
 
-def _rounds(run: Sequence[Fact]) -> int:
-    return sum(fact.rounds for fact in task_stages(run))
-
-
-KIND = Kind("similarity", 3, 90, plan, outputs)
+KIND = Kind("similarity", 5, 90, plan, outputs)
