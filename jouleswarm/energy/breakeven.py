@@ -45,7 +45,7 @@ def savings(facts: Facts, plain: Facts, seen: Collection[int], energy: Energy, p
         prices: the list; without a bill for a part of it there is no answer.
     """
     tasks = list(facts.rounds)
-    whole, stage = (_total(each, energy, prices) for each in (facts.of_ml(), _without_downlink(facts.of_ml())))
+    whole, stage = (_total(each, energy, prices) for each in (facts.of_ml(), stage_alone(facts.of_ml())))
     costs = [_total(facts.of_task(task), energy, prices) for task in tasks]
     plain_costs = [_total(plain.of_task(task), energy, prices) for task in tasks]
     if whole is None or stage is None or not tasks:
@@ -78,7 +78,7 @@ def tasks_to_pay(savings: Savings) -> float:
 class Kind(NamedTuple):
     """Tasks that cost the same."""
 
-    count: float
+    number: float
     """How many there are; infinite: as many as are asked for."""
     plain_j: float
     """Of one without a stage."""
@@ -92,13 +92,13 @@ def tasks_for(factor: float, stage_j: float, kinds: Iterable[Kind]) -> float:
     The first kind's come first, then the next one's. With M tasks: sum plain_j = factor (stage_j + sum mine_j).
     """
     done, left_j = 0.0, factor * stage_j
-    for count, plain_j, mine_j in kinds:
+    for number, plain_j, mine_j in kinds:
         each_j = plain_j - factor * mine_j
-        if each_j > 0 and left_j <= count * each_j:
+        if each_j > 0 and left_j <= number * each_j:
             return done + left_j / each_j
-        if math.isinf(count):
+        if math.isinf(number):
             break
-        done, left_j = done + count, left_j - count * each_j
+        done, left_j = done + number, left_j - number * each_j
     return math.inf
 
 
@@ -118,7 +118,8 @@ def gain(savings: Savings, tasks: float) -> float:
     return without_j / (savings.stage_j + without_j - saved_j)
 
 
-def _without_downlink(stage: Facts) -> Facts:
+def stage_alone(stage: Facts) -> Facts:
+    """A phase ml without what goes down from it, which is the tasks'."""
     parts = {key: replace(counts, downlink_bytes=0) for key, counts in stage.parts.items()}
     flows = stage.known_flows
     kept = None if flows is None else tuple(flow for flow in flows if flow.link != Link.DOWNLINK)

@@ -65,7 +65,8 @@ class Kind:
         curves = curves_of(held, record.scenario)
         made.csv["curves"] = curves_csv(curves)
         for name, shown in by_method(curves).items():
-            made.figures |= {f"{each}{name}": draw for each, draw in curves_figures(shown, record.groups).items()}
+            drawn = curves_figures(shown, record.groups)
+            made.figures.update({f"{each}{name}": draw for each, draw in drawn.items()})
         if pairs := against_plain(held, record.scenario):
             made.csv["why"] = why_csv(pairs, energy)
             made.markdown["why"] = why_markdown(pairs, energy)

@@ -45,8 +45,8 @@ def energy_rows(facts: Sequence[Fact], energy: Energy, pair: Efficiencies, price
         if len(held) < len(found):
             return None
         parts = ([j.ml.total_j for j in held], [j.fl.total_j for j in held], [j.total_j for j in held])
-        failed = failures_of(facts, "", arm)[0]
-        rows.append(EnergyRow(t0, *(estimate(part) for part in parts), method, arm, failed))
+        ml, fl, total = map(estimate, parts)
+        rows.append(EnergyRow(t0, ml, fl, total, method, arm, failures_of(facts, "", arm)[0]))
     return rows
 
 

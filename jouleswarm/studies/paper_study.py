@@ -84,7 +84,7 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
         figures={"methods": partial(methods_figure, facts, scenario, training)},
     )
     if rows:
-        made.csv |= {"ratios": ratios_csv(rows), "verdict": verdict_csv(found, energy)}
+        made.csv.update(ratios=ratios_csv(rows), verdict=verdict_csv(found, energy))
         made.markdown["ratios"] = ratios_markdown(rows, groups_of(facts, training))
         made.markdown["verdict"] = [verdict_markdown(found, energy)]
         made.figures["ratios"] = partial(ratios_figure, rows, scenario)

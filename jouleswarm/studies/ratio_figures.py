@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.literal import literal
@@ -79,6 +80,8 @@ def ratios_figure(rows: Sequence[Row], scenario: Scenario) -> Figure:
             _ratios(axes, list(of), methods.index(method) - len(methods) / 2, looks[method], label)
         axes.axhline(1.0, color=INK, linestyle="--", linewidth=0.7)
         axes.set_yscale("log")
+        for each in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            each(StrMethodFormatter("{x:g}"))
         axes.set_title(title)
         axes.set_xlabel("$t_0$ (rounds)")
         axes.set_ylabel("without / with transfer")

@@ -32,13 +32,13 @@ def ratios_csv(rows: Sequence[Row]) -> Table:
     """A row a measure, group of tasks, method and t0."""
     cells: list[tuple[Cell, ...]] = []
     for row in rows:
-        spans = [cell for between in row.gain for cell in between]
+        spans: list[Cell] = [cell for between in row.gain for cell in between]
         means = (row.seeds, row.without, row.with_)
         cells.append(
             (row.method, row.t0, row.tasks, row.measure, *means, *spans, row.p, row.p_holm, *row.mine, *row.plain)
         )
-    spans = [name for of in ("ratio_of_means", "mean_of_ratios") for name in (of, f"{of}_low95", f"{of}_high95")]
-    head = ("method", "t0", "tasks", "measure", "seeds", "without", "with", *spans, "p", "p_holm")
+    gains = [name for of in ("ratio_of_means", "mean_of_ratios") for name in (of, f"{of}_low95", f"{of}_high95")]
+    head = ("method", "t0", "tasks", "measure", "seeds", "without", "with", *gains, "p", "p_holm")
     return Table("Gain of transfer", (*head, *Told._fields, *(f"plain_{name}" for name in Told._fields)), cells)
 
 

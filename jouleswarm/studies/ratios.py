@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
-from jouleswarm.studies.arms import PLAIN, by_full_window, copied_share, groups_of, lines_of, zero_shot_share
+from jouleswarm.studies.arms import PLAIN, Line, by_full_window, copied_share, groups_of, lines_of, zero_shot_share
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import failures, of_tasks, priced, runs_of, task_stages
 from jouleswarm.studies.significance import Ratios, holm, paired_p, ratios
@@ -66,19 +66,15 @@ def ratio_rows(
         lists: of each the bills; those without one are left out.
     """
     rows: list[Row] = []
-    full = by_full_window(facts, window)
+    full, stages = by_full_window(facts, window), [line for line in lines_of(facts) if line.t0]
     for name, tasks in groups_of(facts, training).items():
         sources = [(FULL, full, None), (FIRST, facts, None), *((JOULES + each.name, facts, each) for each in lists)]
         for measure, source, prices in sources:
-            family = [_row(facts, source, name, tasks, measure, energy, prices, line) for line in _stages(facts)]
+            family = [_row(facts, source, name, tasks, measure, energy, prices, line) for line in stages]
             held = [row for row in family if row is not None]
             adjusted = holm([row.p for row in held])
             rows += [row._replace(p_holm=p) for row, p in zip(held, adjusted, strict=True)]
     return rows
-
-
-def _stages(facts: Sequence[Fact]) -> list[tuple[str, int, str]]:
-    return [tuple(line) for line in lines_of(facts) if line.t0]
 
 
 def _row(
@@ -89,7 +85,7 @@ def _row(
     measure: str,
     energy: Energy,
     prices: PriceList | None,
-    line: tuple[str, int, str],
+    line: Line,
 ) -> Row | None:
     method, t0, arm = line
     mine, plain = (_measured(source, each, tasks, measure, energy, prices) for each in (arm, PLAIN))

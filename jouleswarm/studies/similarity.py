@@ -122,8 +122,8 @@ def _draw_gains(axes: Axes, facts: Sequence[Fact], tasks: Collection[int], value
             axes.plot(xs, ys, linestyle="", marker=one.marker, markersize=3, alpha=0.5, color=one.colour)
         x, y = estimate(xs), estimate(ys)
         spread: dict[str, Any] = {"xerr": x.drawn_ci95, "yerr": y.drawn_ci95} if y.drawn_ci95 else {}
-        inside = {"markerfacecolor": "white" if cut_off else one.colour}
-        axes.errorbar(x.mean, y.mean, **spread, fmt=one.marker, color=one.colour, capsize=2, label=name, **inside)
+        spread["markerfacecolor"] = "white" if cut_off else one.colour
+        axes.errorbar(x.mean, y.mean, **spread, fmt=one.marker, color=one.colour, capsize=2, label=name)
 
 
 def outputs(facts: Sequence[Fact], record: Record) -> Outputs:

@@ -8,15 +8,15 @@ from statistics import fmean
 from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
-from jouleswarm.energy.breakeven import Kind, tasks_for
+from jouleswarm.energy.breakeven import Kind, stage_alone, tasks_for
 from jouleswarm.energy.crossing import Curve, Verdict, cheaper
 from jouleswarm.energy.literal import literal
-from jouleswarm.energy.prices import PriceList
+from jouleswarm.energy.prices import PriceList, price
 from jouleswarm.report.table import Cell, Table, number
 from jouleswarm.studies.arms import PLAIN, groups_of, lines_of
 from jouleswarm.studies.beta import BETA_1
 from jouleswarm.studies.facts import Fact
-from jouleswarm.studies.prices import of_tasks, priced, runs_of
+from jouleswarm.studies.prices import facts_of, of_tasks, runs_of
 from jouleswarm.studies.ratio_tables import CHEAPEST_NOTE
 from jouleswarm.studies.significance import Between, ratios
 from jouleswarm.studies.tables import between_text
@@ -93,17 +93,14 @@ def bills_of(
     ours, theirs = (runs_of(facts, "", each) for each in (arm, PLAIN))
     rows: list[list[float]] = []
     for seed in (seed for seed in ours if seed in theirs):
-        parts = [of_tasks(ours[seed], ()), of_tasks(ours[seed], tasks), of_tasks(theirs[seed], tasks)]
-        joules = [_total(part, energy, prices) for part in parts]
+        parts = [stage_alone(facts_of(ours[seed]).of_ml())]
+        parts += [facts_of(of_tasks(runs[seed], tasks)) for runs in (ours, theirs)]
+        bills = [price(prices, part, energy) for part in parts]
+        joules = [bill and bill.total_j for bill in bills]
         if any(each is None for each in joules):
             return None
         rows.append([each for each in joules if each is not None])
     return Bills(*map(list, zip(*rows, strict=True))) if rows else None
-
-
-def _total(run: Sequence[Fact], energy: Energy, prices: PriceList) -> float | None:
-    bill = priced(run, energy, prices)
-    return None if bill is None else bill.total_j
 
 
 def _kinds(
@@ -114,8 +111,8 @@ def _kinds(
     for place, tasks in enumerate(groups, start=1):
         if (bills := bills_of(facts, arm, tasks, energy, prices)) is not None:
             stage_j, mine_j, plain_j = map(fmean, bills)
-            count = math.inf if place == len(groups) else len(tasks)
-            kinds.append(Kind(count, plain_j / len(tasks), (mine_j - stage_j) / len(tasks)))
+            among = math.inf if place == len(groups) else len(tasks)
+            kinds.append(Kind(among, plain_j / len(tasks), (mine_j - stage_j) / len(tasks)))
     return kinds
 
 

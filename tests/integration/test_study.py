@@ -20,7 +20,8 @@ ENDED_WITHIN_S = 15.0
 def command(folder: Path, *overrides: str, seeds: int = 1) -> list[str]:
     sets = [part for each in (*SMALL, *overrides) for part in ("--set", each)]
     where = ["--work", str(folder / "work"), "--results", str(folder / "results")]
-    return ["jouleswarm", "study", "paper", "--scenario", TOY, "--seeds", str(seeds), "--workers", "1", *where, *sets]
+    small = ["--scenario", TOY, "--methods", "maml", "--seeds", str(seeds), "--workers", "1"]
+    return ["jouleswarm", "study", "paper", *small, *where, *sets]
 
 
 def facts(folder: Path) -> list[dict[str, str]]:
@@ -61,12 +62,12 @@ def test_the_paper_study_runs_to_its_tables_and_runs_nothing_twice(start: Any, t
     assert last == 2 * first > 0
     tables = {path.name for path in (tmp_path / "results").iterdir()}
     assert {"facts.csv", "study.json", "table2.md", "energy.csv", "breakeven.svg", "fig4a.png"} <= tables
-    (run,) = (tmp_path / "work").glob("base-s001-*/base-s001-*")
-    assert (run / "summary.json").exists()
-    assert not (run / "weights").exists()
+    runs = list((tmp_path / "work").glob("base-s001-*/base-s001-*"))
+    assert len(runs) == 2  # MAML, and without
+    assert all((run / "summary.json").exists() and not (run / "weights").exists() for run in runs)
     again = start.python(*arguments)
     assert again.ends() == 0, again.printed
-    assert "1 jobs, 1 of them collected before" in again.printed
+    assert "2 jobs, 2 of them collected before" in again.printed
 
 
 def test_ctrl_c_leaves_no_process_and_no_facts_of_the_job_it_cut_off(

@@ -26,18 +26,33 @@ def scenarios(name: str, asked: Request) -> dict[tuple[str, int], Scenario]:
     return {(job.variant, job.seed): job.load() for job in kind_of(name).plan(asked).jobs}
 
 
-def test_the_paper_study_is_one_deployment_a_seed_adapted_from_every_t0() -> None:
-    found = scenarios("paper", request(seeds=3))
-    assert list(found) == [("", 1), ("", 2), ("", 3)]
-    one = found["", 2]
-    assert one.seed == 2
-    assert one.arm_names == (*(f"multitask-t{t0}" for t0 in (42, 66, 90, 132, 210)), "multitask", "fl")
-    assert [arm.t0 for arm in one.arms] == [42, 66, 90, 132, 210, 240, 0]
+def test_the_paper_study_is_one_deployment_a_seed_and_method_adapted_from_every_t0() -> None:
+    jobs = kind_of("paper").plan(request(seeds=2)).jobs
+    assert [job.seed for job in jobs] == [1] * 4 + [2] * 4
+    assert {job.variant for job in jobs} == {""}
+    assert len({job.name for job in jobs}) == 8
+    maml, fomaml, own, plain = (job.load() for job in jobs[:4])
+    assert [one.method_names for one in (fomaml, own, plain)] == [("fomaml",), ("multitask",), ("fl",)]
+    assert maml.arm_names == (*(f"maml-t{t0}" for t0 in (42, 66, 90, 132, 210)), "maml")
+    assert [arm.t0 for arm in maml.arms] == [42, 66, 90, 132, 210, 240]
+    assert maml.energy.beta == "measured"
+
+
+@pytest.mark.parametrize(
+    ("asked", "methods"),
+    [
+        (Request(QUICK, (), (1,), 0, ("maml", "reptile")), ["maml", "reptile", "fl"]),
+        (request(QUICK, 'methods=["fl","anil"]', seeds=1, t0=0), ["fl", "anil"]),
+        (request(TOY, seeds=1, t0=0), ["maml", "fomaml", "multitask", "fl"]),
+    ],
+)
+def test_methods_of_the_paper_study_are_those_asked_for(asked: Request, methods: list[str]) -> None:
+    assert [job.load().methods for job in kind_of("paper").plan(asked).jobs] == [(method,) for method in methods]
 
 
 def test_what_the_user_sets_comes_after_what_the_study_sets() -> None:
-    (one,) = scenarios("paper", request(TOY, "meta.t0=4", "meta.adapt_from=[2]", seeds=1, t0=0)).values()
-    assert one.arm_names == ("maml-t2", "maml", "fl")
+    asked = Request(TOY, ("meta.t0=4", "meta.adapt_from=[2]"), (1,), 0, ("maml",))
+    assert [job.load().arm_names for job in kind_of("paper").plan(asked).jobs] == [("maml-t2", "maml"), ("fl",)]
 
 
 def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path) -> None:
@@ -61,10 +76,13 @@ def test_a_paper_study_that_could_make_no_figures_is_refused(overrides: tuple[st
         kind_of("paper").plan(request(QUICK, *overrides, t0=t0))
 
 
-def test_baselines_are_all_nine_methods_in_one_deployment() -> None:
-    (one,) = scenarios("baselines", request(seeds=1)).values()
-    assert len(one.arms) == 9
-    assert one.meta.t0 == 42
+def test_baselines_are_all_nine_methods_and_one_robot_a_task() -> None:
+    jobs = kind_of("baselines").plan(request(seeds=1)).jobs
+    loaded = [(job.variant, job.load()) for job in jobs]
+    assert len({one.methods for variant, one in loaded if not variant}) == 9
+    alone = {one.methods: one.federation.robots_per_cluster for variant, one in loaded if variant == "robots=1"}
+    assert alone == {("fl",): 1, ("multitask",): 1}
+    assert {(one.meta.t0, one.energy.beta) for _, one in loaded} == {(42, "measured")}
 
 
 def test_points_of_a_sweep_that_come_to_the_same_scenario_are_run_once() -> None:
@@ -76,6 +94,7 @@ def test_points_of_a_sweep_that_come_to_the_same_scenario_are_run_once() -> None
     ]  # fmt: skip
     assert plan.groups["topology"] == {"full": "robots=8", "ring": "topology=ring", "random": "topology=random"}
     assert plan.groups["batches"]["20"] == "base"
+    assert plan.training == {"Q=1": (1,), "Q=2": (1, 2), "Q=6": (1, 2, 3, 4, 5, 6)}
 
 
 def test_sensitivity_varies_one_setting_at_a_time() -> None:
@@ -91,6 +110,14 @@ def test_sensitivity_varies_one_setting_at_a_time() -> None:
 def test_the_authors_regime_is_a_slow_learner_with_a_target_copied_rarely() -> None:
     learning = scenarios("regimes", request(seeds=1))["regime=authors", 1].learning
     assert (learning.lr, learning.target_polyak, learning.target_every) == (2.5e-4, 1, 100)
+
+
+def test_the_authors_regime_in_earnest_is_for_both_arms() -> None:
+    one = scenarios("regimes", request(seeds=1))["regime=earnest", 1]
+    learning, meta = one.learning, one.meta
+    assert (learning.lr, learning.target_polyak, learning.target_every) == (2.5e-4, 1, 2000)
+    assert (learning.epsilon, learning.starts, meta.epsilon, meta.starts) == (0.1, "entry", 0.1, "entry")
+    assert one.federation.max_rounds == 1000
 
 
 def test_similarity_draws_a_family_of_tasks_a_stem_and_seed() -> None:

@@ -39,11 +39,11 @@ def rows_of(path: Path, **where: str) -> Rows:
 
 def test_the_paper_study_makes_its_tables_and_figures_from_facts_alone(made: Path) -> None:
     written = {path.name for path in made.iterdir()} - {FACTS, RECORD}
-    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven", "curves", "why"}
-    figures = {"fig3", "fig4a", "fig4b", "breakeven", "curves", "why"}
+    tables = {"table2", "seen_unseen", "energy", "optimum", "breakeven", "ratios", "verdict", "curves", "why"}
+    figures = {"fig3", "fig4a", "fig4b", "breakeven", "methods", "ratios", "curves", "why"}
     assert written == (
         {f"{name}.csv" for name in tables}
-        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy", "why")}
+        | {f"{name}.md" for name in ("table2", "seen_unseen", "energy", "ratios", "verdict", "why")}
         | {f"{name}.{kind}" for name in figures for kind in ("png", "svg")}
     )
     assert (made / "fig4a.svg").read_text().startswith("<?xml")
@@ -69,6 +69,7 @@ def test_a_task_that_was_not_learned_is_counted_and_not_dropped(made: Path) -> N
         assert {"not_learned", "trials"} <= rows_of(made / f"{name}.csv")[0].keys()
     assert "1 of 18" in (made / "table2.md").read_text()
     assert "1 of 18" in (made / "energy.md").read_text()
+    assert "| fl | 0 | ≥ 382.0 ± 2.48 (380.1) | 132.0 ± 2.48 (129.6) |" in (made / "table2.md").read_text()
 
 
 def test_energy_is_priced_for_both_pairs_and_not_made_up_where_not_defined(made: Path) -> None:
@@ -113,7 +114,9 @@ def test_a_sweep_has_a_line_a_variant_and_arm_and_a_figure_a_group(tmp_path: Pat
         *pair_of_arms("robots=1", 1, 10, 40),
     ]
     groups = {"robots": {"1": "robots=1", "2": "base", "4": "robots=4"}, "Q": {"3": "base"}}
-    record = Record(study=name, profile="compact", scenario=scenario, seeds=(1, 2), t0=42, groups=groups)
+    training = {"robots=1": (1, 2)}
+    made_of = {"seeds": (1, 2), "t0": 42, "groups": groups, "training": training}
+    record = Record(study=name, profile="compact", scenario=scenario, **made_of)
     written = {path.name for path in write_outputs(tmp_path, kind_of(name).outputs(facts, record))}
     assert {f"{name}.csv", f"{name}.md", f"{name}_robots.svg", f"{name}_Q.png"} <= written
     assert {"curves.csv", "curves_robots.svg", "curves_Q.png", "why.csv", "why.md", "why.svg"} <= written
@@ -124,6 +127,8 @@ def test_a_sweep_has_a_line_a_variant_and_arm_and_a_figure_a_group(tmp_path: Pat
     (line,) = rows_of(tmp_path / f"{name}.csv", variant="robots=1", arm="fl")
     # Six tasks of 40 + task rounds, 2 x 20 batches of 2.04 J and 2 x 5.6 MB at 500 kb/J a round.
     assert (line["rounds"], line["success"], line["seeds"]) == ("261", "1", "1")
+    # This variant has been trained on tasks 1 and 2 alone: 41 + 42, and 43 to 46.
+    assert (line["rounds_seen"], line["rounds_unseen"], line["copied_seen"]) == ("83", "178", "0")
     assert float(line["robots_j"]) == pytest.approx(261 * 40 * 2.04, rel=1e-5)
     assert float(line["sidelink_j"]) == pytest.approx(261 * 179.2, rel=1e-5)
     assert float(line["bits"]) == pytest.approx(261 * 89.6e6, rel=1e-5)
@@ -134,12 +139,19 @@ def test_baselines_stand_side_by_side_with_success_rates(tmp_path: Path, scenari
     facts: list[Fact] = [
         *pair_of_arms("", 1, 10, 20),
         *(task_fact(isolated, task, 200, learned=task < 4, sidelink_bytes=0) for task in range(1, 7)),
+        task_fact(Arm("fl", "fl", 0), 1, 70, variant="robots=1", robots=1, gradients_robots=1400, sidelink_bytes=0),
     ]
     record = Record(study="baselines", profile="compact", scenario=scenario, seeds=(1,), t0=42)
     write_outputs(tmp_path, kind_of("baselines").outputs(facts, record))
     (found,) = rows_of(tmp_path / "baselines.csv", arm="isolated")
     assert (found["success"], found["not_learned"], found["trials"]) == ("0.5", "3", "6")
-    assert "3 of 6" in (tmp_path / "baselines.md").read_text()
+    text = (tmp_path / "baselines.md").read_text()
+    assert "3 of 6" in text
+    # fl: 141 rounds of 40 gradients of 2.04 J and 11.2 MB at 500 kb/J; one robot a task: 70 of 20 gradients alone.
+    assert (
+        "at their cheapest: fl with robots=1, 2.86 kJ by the equations; fl, which transfer is compared with, 36.8"
+        in text
+    )
     assert (tmp_path / "baselines.svg").exists()
     curves = (tmp_path / "curves.svg").read_text()
     assert all(f"<!-- {arm} -->" in curves for arm in ("fl", "isolated", "maml"))
@@ -172,8 +184,12 @@ def test_similarity_sets_what_transfer_saves_against_what_paths_share(tmp_path: 
     record = Record(study="similarity", profile="compact", scenario=scenario, seeds=(1, 2), t0=42, values=values)
     write_outputs(tmp_path, kind_of("similarity").outputs(facts, record))
     # Rounds of six tasks: 60 + 21 with, 120 + 21 and 180 + 21 without.
-    gains = [(row["similarity"], float(row["gain"])) for row in rows_of(tmp_path / "gains.csv")]
+    rows = rows_of(tmp_path / "gains.csv")
+    gains = [(row["similarity"], float(row["gain"])) for row in rows]
     assert gains == [("0.4", pytest.approx(141 / 81, rel=1e-5)), ("0.5", pytest.approx(201 / 81, rel=1e-5))]
+    # Unseen 3, 4 and 5: 60 + 12 over 30 + 12; seen 1, 2 and 6: 60 + 9 over 30 + 9.
+    assert float(rows[0]["gain_unseen"]) == pytest.approx(72 / 42, rel=1e-5)
+    assert float(rows[0]["gain_seen"]) == pytest.approx(69 / 39, rel=1e-5)
     assert (tmp_path / "similarity.png").exists()
 
 
@@ -197,15 +213,19 @@ def heights(axes: Axes) -> list[float]:
 def test_encodings_are_one_figure_of_what_they_change(tmp_path: Path, scenario: Scenario) -> None:
     facts = [fact for variant in ("base", "weights=int8") for fact in pair_of_arms(variant, 1, 10, 20)]
     groups = {"weights": {"float32": "base", "int8": "weights=int8"}, "experience": {"raw": "base"}}
-    rounds, gbit, kilojoules, *below = codecs_figure(facts, scenario, groups).axes
+    record = Record(study="codecs", profile="compact", scenario=scenario, seeds=(1,), t0=42, groups=groups)
+    unseen, seen, gbit, kilojoules, *below = codecs_figure(facts, record).axes
+    # Tasks 3, 4 and 5 take 10 + task rounds, 1, 2 and 6 the others; 20 + task without.
+    assert heights(unseen) == [42, 42, 72, 72]
+    assert heights(seen) == [39, 39, 69, 69]
     # Six tasks of 10 + task rounds (81), two neighbours of 5.6 MB a round, and 12 x 5.6 MB down; 141 rounds without.
     assert heights(gbit)[:2] == pytest.approx([(81 * 2 + 12) * 0.0448] * 2)
     assert heights(gbit)[2:] == pytest.approx([141 * 2 * 0.0448] * 2)
     # 81 x 11.2 MB at 500 kb/J, 67.2 MB at 200 kb/J.
     assert heights(kilojoules)[:2] == pytest.approx([81 * 0.1792 + 2.688] * 2)
-    assert [label.get_text() for label in rounds.get_xticklabels()] == ["float32", "int8"]
+    assert [label.get_text() for label in unseen.get_xticklabels()] == ["float32", "int8"]
     # Below, experience: 42 rounds of 3 x 24.6 MB, and nothing without.
-    assert heights(below[1]) == pytest.approx([42 * 3 * 0.1968])
+    assert heights(below[2]) == pytest.approx([42 * 3 * 0.1968])
 
 
 def test_carbon_stands_beside_joules_where_an_intensity_is_set(tmp_path: Path, scenario: Scenario) -> None:
