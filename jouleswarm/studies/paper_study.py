@@ -74,7 +74,7 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
             "seen_unseen": seen_unseen_csv(facts, training, window),
             "energy": energy_csv(facts, energy, lists),
             "optimum": optimum_csv(facts, energy, lists),
-            "breakeven": break_even_csv(facts, energy, training, lists),
+            "breakeven": break_even_csv(facts, energy, training, record.lists),
         },
         markdown={
             "table2": table_2_markdown(facts, window),
