@@ -63,9 +63,9 @@ def thresholds_markdown(found: Mapping[str, Case]) -> list[Table]:
 
 
 def bills_csv(found: Mapping[str, Case]) -> Table:
-    """What thresholds come of, means over seeds: joules of computing by site, and bits that are divided by E_UL and E_SL.
+    """What thresholds come of, means over seeds: joules of computing by site, and bits of the uplink and of sidelinks.
 
-    Bits that go down are in `ul_bits`, with gamma.
+    What goes down is in `ul_bits`, with gamma.
     """
     rows: list[tuple[Cell, ...]] = []
     for name, case in found.items():

@@ -51,7 +51,9 @@ def written(page: Path, results: Results) -> str:
     try:
         text = source.read_text(encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"{page}: cannot be read ({error.strerror}); name a page, or write {ENDING}") from error
+        raise ConfigurationError(
+            f"{page}: cannot be read ({error.strerror}); name a page, or write {ENDING}"
+        ) from error
     known = environment(results)
     if source == template:
         return rendered(known, text, str(template))
@@ -87,13 +89,14 @@ def check(pages: Iterable[Path], results: Results) -> None:
         for number, (got, expected) in enumerate(zip_longest(old, now), start=1):
             if got != expected:
                 raise StudyError(
-                    f"{page}, line {number}: got {got!r}, the results come to {expected!r}; run `jouleswarm study write`"
+                    f"{page}, line {number}: got {got!r}, the results come to {expected!r}; run `jouleswarm study "
+                    "write`"
                 )
 
 
 def environment(results: Results) -> Environment:
     """The names that an expression may use: CONTRIBUTING.md has them all."""
-    made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # noqa: S701
+    made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     made.globals |= {"row": results.row, "rows": results.rows, "study": results.study, "note": results.note}
     made.globals |= {"sums": sums, "ratios": ratios}
     made.filters |= {"fixed": fixed, "pm": pm, "times": times, "percent": percent, "kilo": kilo, "listed": listed}
