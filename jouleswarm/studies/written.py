@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
+from statistics import fmean
 
 from jinja2 import Environment, StrictUndefined, Template, TemplateError
 from jinja2.exceptions import TemplateSyntaxError
@@ -22,6 +23,7 @@ from jouleswarm.studies.lookup import Results, Row
 
 ENDING = ".j2"
 _OPEN, _CLOSE = "<!-- {{", "<!-- / -->"
+_AT_THE_START = re.compile(r"^[ >*-]*<!-- (?:\{\{|/ -->)", re.M)
 _SPAN = re.compile(r"(<!-- (\{\{(?:(?!-->).)*\}\}) -->)((?:(?!<!--).)*)<!-- / -->", re.S)
 
 
@@ -57,15 +59,7 @@ def written(page: Path, results: Results) -> str:
     known = environment(results)
     if source == template:
         return rendered(known, text, str(template))
-    if text.count(_OPEN) != len(_SPAN.findall(text)):
-        told = f"<!-- {{{{ expression }}}} -->2.4x{_CLOSE}"
-        raise ConfigurationError(f"{page}: {text.count(_OPEN)} spans begin and not all end; expected {told}")
-
-    def filled(span: re.Match[str]) -> str:
-        before = text[: span.start()].count("\n")
-        return f"{span[1]}{rendered(known, span[2], str(page), before)}{_CLOSE}"
-
-    return _SPAN.sub(filled, text)
+    return _filled(known, text, str(page))
 
 
 def write(pages: Iterable[Path], results: Results) -> list[Path]:
@@ -98,9 +92,25 @@ def environment(results: Results) -> Environment:
     """The names that an expression may use: CONTRIBUTING.md has them all."""
     made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     made.globals |= {"row": results.row, "rows": results.rows, "study": results.study, "note": results.note}
-    made.globals |= {"sums": sums, "ratios": ratios}
+    made.globals |= {"mean": mean, "sums": sums, "ratios": ratios}
     made.filters |= {"fixed": fixed, "pm": pm, "times": times, "percent": percent, "kilo": kilo, "listed": listed}
     return made
+
+
+def _filled(known: Environment, text: str, name: str) -> str:
+    if text.count(_OPEN) != len(_SPAN.findall(text)):
+        told = f"<!-- {{{{ expression }}}} -->2.4x{_CLOSE}"
+        raise ConfigurationError(f"{name}: {text.count(_OPEN)} spans begin and not all end; expected {told}")
+    if found := _AT_THE_START.search(text):
+        line = text[: found.end()].count("\n") + 1
+        raise ConfigurationError(
+            f"{name}, line {line}: a span begins the line, which Markdown takes for HTML; put a word before it"
+        )
+
+    def filled(span: re.Match[str]) -> str:
+        return f"{span[1]}{rendered(known, span[2], name, text[: span.start()].count(chr(10)))}{_CLOSE}"
+
+    return _SPAN.sub(filled, text)
 
 
 def rendered(known: Environment, text: str, name: str, before: int = 0) -> str:
@@ -114,6 +124,11 @@ def rendered(known: Environment, text: str, name: str, before: int = 0) -> str:
         lines = [frame.lineno or 0 for frame in traceback.extract_tb(error.__traceback__) if frame.filename == name]
         kind = type(error) if isinstance(error, JouleSwarmError) else StudyError
         raise kind(f"{name}, line {before + (lines[-1] if lines else 1)}: {error}") from error
+
+
+def mean(rows: Sequence[Row], column: str) -> float:
+    """Of a column."""
+    return fmean(_number(row[column]) for row in rows)
 
 
 def sums(rows: Sequence[Row], column: str, by: str) -> dict[object, float]:

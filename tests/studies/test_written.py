@@ -6,10 +6,24 @@ import re
 from pathlib import Path
 
 import pytest
+from jinja2 import Environment
 
 from jouleswarm.common.errors import JouleSwarmError, StudyError
 from jouleswarm.studies.lookup import Results, Row
-from jouleswarm.studies.written import check, fixed, listed, pages_in, percent, pm, ratios, sums, times, write, written
+from jouleswarm.studies.written import (
+    check,
+    fixed,
+    listed,
+    mean,
+    pages_in,
+    percent,
+    pm,
+    ratios,
+    sums,
+    times,
+    write,
+    written,
+)
 
 ROOT = Path(__file__).parents[2]
 TEMPLATE = ROOT / "docs" / "results.md.j2"
@@ -122,6 +136,13 @@ def test_a_span_without_an_end_is_told(folder: Path, results: Results) -> None:
         written(page, results)
 
 
+def test_a_span_that_markdown_would_take_for_html_is_told(folder: Path, results: Results) -> None:
+    page = folder / "page.md"
+    page.write_text("- In all\n  <!-- {{ 1 + 1 }} -->2<!-- / --> rounds.\n")
+    with pytest.raises(JouleSwarmError, match=r"page.md, line 2: a span begins the line"):
+        written(page, results)
+
+
 def test_a_page_with_a_template_is_written_from_it(folder: Path, results: Results) -> None:
     page = folder / "docs" / "page.md"
     page.parent.mkdir()
@@ -161,6 +182,14 @@ def test_a_table_at_other_prices_is_made_again(paper_results: Path) -> None:
     assert both[0] > sent
 
 
+def test_the_guide_has_every_name_that_an_expression_may_use(results: Results) -> None:
+    ours, plain = environment(results), Environment()
+    guide = (ROOT / "CONTRIBUTING.md").read_text()
+    names = [*(ours.globals.keys() - plain.globals), *(ours.filters.keys() - plain.filters)]
+    assert len(names) == 13
+    assert [name for name in names if not re.search(rf"`[^`]*\b{name}\b[^`]*`", guide)] == []
+
+
 def test_how_numbers_are_spelled() -> None:
     assert [fixed(1188.82), fixed(float("inf")), fixed(95.27, 1)] == ["1,189", "never", "95.3"]
     assert [pm(95.27, 12.5, 1), pm(117, None)] == ["95.3 ± 12.5", "117"]
@@ -171,4 +200,5 @@ def test_how_numbers_are_spelled() -> None:
 def test_sums_and_ratios_go_by_what_lines_share() -> None:
     rows = [Row({"seed": seed, "rounds": rounds}, "") for seed, rounds in (("1", "3"), ("2", "5"), ("1", "4"))]
     assert sums(rows, "rounds", by="seed") == {1: 7, 2: 5}
+    assert mean(rows, "rounds") == 4
     assert ratios({1: 7, 2: 5, 3: 1}, {1: 14, 2: 2}) == [0.5, 2.5]
