@@ -12,6 +12,7 @@ from jouleswarm.common.errors import JouleSwarmError, StudyError
 from jouleswarm.studies.lookup import Results, Row
 from jouleswarm.studies.written import (
     check,
+    environment,
     fixed,
     listed,
     mean,
