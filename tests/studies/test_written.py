@@ -78,7 +78,7 @@ def test_committed_pages_hold_what_the_committed_results_come_to() -> None:
 def test_no_result_is_typed_by_hand() -> None:
     results = TEMPLATE.read_text().split("\n## Studies\n")[0]
     assert typed(results) == []
-    assert re.findall(r"\{\{\s*[-\d\"'].*?\}\}", results) == []  # nor hidden in an expression
+    assert re.findall(r"\{\{\s*[-\"']?\d.*?\}\}", results) == []  # nor hidden in an expression
     assert [
         pattern for pattern in NO_RESULTS if not re.search(pattern, results)
     ] == []  # the list is no longer than it must be
