@@ -115,7 +115,7 @@ def test_what_an_expression_names_and_is_not_there_is_told_with_its_line(
     folder: Path, results: Results, expression: str, told: str
 ) -> None:
     page = folder / "page.md"
-    page.write_text(f"One\n\n<!-- {{{{ {expression} }}}} -->1<!-- / -->\n")
+    page.write_text(f"One\n\nIt is <!-- {{{{ {expression} }}}} -->1<!-- / -->\n")
     with pytest.raises(JouleSwarmError) as error:
         written(page, results)
     assert f"{page}, line 3: " in str(error.value)
@@ -157,7 +157,7 @@ def test_a_page_with_a_template_is_written_from_it(folder: Path, results: Result
 
 def test_the_first_line_that_differs_is_told(folder: Path, results: Results) -> None:
     page = folder / "page.md"
-    page.write_text('a\n<!-- {{ note("small", "took") }} -->2 minutes<!-- / -->\n')
+    page.write_text('a\nin <!-- {{ note("small", "took") }} -->2 minutes<!-- / -->\n')
     with pytest.raises(
         StudyError, match=r"page.md, line 2: got '.*2 minutes.*come to '.*3 minutes.*jouleswarm study write"
     ):
