@@ -1,4 +1,4 @@
-"""A module's parameters and their gradients, each laid end to end in one buffer: what is done to all is one operation."""
+"""A module's parameters and their gradients, each end to end in one buffer: what is done to all is one operation."""
 
 from __future__ import annotations
 

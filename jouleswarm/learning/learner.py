@@ -21,7 +21,7 @@ from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.dqn import polyak_update, td_slope, td_target
 from jouleswarm.learning.flat import Flat
 from jouleswarm.learning.networks import load_weights, to_weights
-from jouleswarm.learning.passes import pass_of
+from jouleswarm.learning.passes import pass_of, values_of
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch, Replay
 
@@ -35,13 +35,13 @@ class Policy:
     def __init__(self, network: QNetwork, weights: Weights) -> None:
         """`network`: taken over."""
         self.online = network
+        self._values = values_of(network)
         load_weights(self.online, weights)
 
     def q_values(self, frame: npt.NDArray[Any]) -> Tensor:
         """Q of one observation as it is kept -> float32 [actions]."""
         with torch.inference_mode():
-            values: Tensor = self.online(self.online.prepare(frame[np.newaxis]))[0]
-        return values
+            return self._values(self.online.prepare(frame[np.newaxis]))[0]
 
     def weights(self) -> Weights:
         """A copy of the network's parameters."""
@@ -84,7 +84,7 @@ class Learner(Policy):
         self._start: dict[str, Tensor] = {}
         self._target = copy.deepcopy(network).requires_grad_(False)
         self._flat, self._flat_target = Flat(self.online, gradients=True), Flat(self._target)
-        self._pass = pass_of(self.online)
+        self._pass, self._values_of_target = pass_of(self.online), values_of(self._target)
         self._optimizer = _optimizer(settings, self._flat.values)
         # A round's motions, each of which may open an episode with a frame more.
         spare = 2 * settings.motions_per_round
@@ -141,19 +141,20 @@ class Learner(Policy):
 
     @torch.no_grad()
     def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
-        settings = self._settings
-        next_frames = self.online.prepare(batch.next_frames)
-        target_values = self._target(next_frames) if next_q_target is None else next_q_target
+        settings, learned = self._settings, len(batch.frames)
+        frames = self.online.prepare(np.concatenate((batch.frames, batch.next_frames)))
+        # The online network says in one pass what is learned on, and what double learning would do next.
+        values, backward = self._pass(frames if settings.double else frames[:learned], learned)
+        target_values = self._values_of_target(frames[learned:]) if next_q_target is None else next_q_target
         target = td_target(
             torch.from_numpy(batch.rewards),
             torch.from_numpy(batch.terminated),
-            self._pass(next_frames)[0] if settings.double else target_values,
+            values[learned:],
             target_values,
             settings.discount,
             double=settings.double,
         )
-        values, backward = self._pass(self.online.prepare(batch.frames))
-        loss, slope = td_slope(values, torch.from_numpy(batch.actions), target)
+        loss, slope = td_slope(values[:learned], torch.from_numpy(batch.actions), target)
         backward(slope)
         if self._penalty is not None:
             loss = loss + self._add_penalty()
@@ -182,7 +183,7 @@ class Learner(Policy):
     def _next_q_in_one_batch(self, drawn: list[Batch]) -> Tensor:
         frames = np.concatenate([batch.next_frames for batch in drawn])
         with torch.no_grad():
-            values: Tensor = self._target(self._target.prepare(frames))
+            values = self._values_of_target(self._target.prepare(frames))
         return values.reshape(len(drawn), -1, values.shape[1])
 
 
