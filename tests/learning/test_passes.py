@@ -1,5 +1,7 @@
 """Values and gradients by hand, against PyTorch's own; and where autograd is asked."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor, nn
@@ -33,7 +35,7 @@ def hooked() -> QNetwork:
     return made
 
 
-NETWORKS = {
+NETWORKS: dict[str, Callable[[], QNetwork]] = {
     "shipped": lambda: qnetwork(SHIPPED, 1),
     "dense only": lambda: QNetwork(nn.Flatten(), nn.Linear(4 * 12 * 16, 6), nn.ReLU(), nn.Linear(6, 4)),
     "strided, dilated, grouped": lambda: QNetwork(
