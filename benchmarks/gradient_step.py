@@ -1,33 +1,36 @@
-"""A robot's gradient step beside the same step in a bare PyTorch loop, and what of it is arithmetic; one thread.
+"""A robot's gradient step beside the same by autograd and in a bare PyTorch loop, and what is arithmetic; one thread.
 
     python -m benchmarks.gradient_step [--scenarios paper quick] [--repeats 7]
 
-Both sides: double DQN targets, Huber loss, gradient clipping, fused Adam, target tracking, batch of 32. The
-bare loop has its batches ready as tensors; the robot draws and converts them from replay. Processor time, so that it
-does not matter what else the machine does. The arithmetic is what the robot's step spends inside the kernels of
-convolutions and matrix products (oneDNN and MKL), as PyTorch's profiler sees it: nothing around them can save more than
-the rest.
+All sides: double DQN targets, Huber loss, gradient clipping, fused Adam, target tracking, batch of 32. The
+bare loop has its batches ready as tensors; the others draw and convert them from replay. "by autograd" is the robot's
+step as it was before it went by hand and over all parameters as one. Processor time, so that it does not matter what
+else the machine does. The arithmetic is what the robot's step spends inside the kernels of convolutions and matrix
+products (oneDNN and MKL), as PyTorch's profiler sees it: nothing around them can save more than the rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 import torch
 from torch import nn
-from torch.nn import functional
 from torch.profiler import ProfilerActivity, profile
 
 from benchmarks.harness import compare, cpu_seconds, in_turn, parser
 from jouleswarm.common.process import use_one_thread
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
+from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
 from jouleswarm.learning.learner import Learner
+from jouleswarm.learning.meta import TensorBatch, to_tensors
 from jouleswarm.learning.networks import build_qnetwork, to_weights
+from jouleswarm.learning.replay import Replay
 
 STEPS = 10
+Batches = Callable[[], Iterator[TensorBatch]]
 _KERNELS = ("aten::mkldnn_convolution", "aten::convolution_backward", "aten::addmm", "aten::mm")
 
 
@@ -40,8 +43,12 @@ def main() -> None:
     for name in options.scenarios:
         scenario = load_scenario(name)
         robot = _robot(scenario)
-        sides = {"robot": partial(cpu_seconds, robot), "bare loop": partial(cpu_seconds, _bare(scenario))}
-        print(compare(f"a step of {name}", in_turn(sides, options.repeats), factor=1e3 / STEPS))
+        others = {"by autograd": _loop(scenario, _drawn(scenario)), "bare loop": _loop(scenario, _ready(scenario))}
+        sides = {"robot": robot, **others}
+        found = in_turn({side: partial(cpu_seconds, steps) for side, steps in sides.items()}, options.repeats)
+        for other in others:
+            pair = {side: found[side] for side in ("robot", other)}
+            print(compare(f"a step of {name}", pair, factor=1e3 / STEPS))
         print(f"in the kernels of convolutions and matrix products: {arithmetic_share(robot):.0%} of the robot's step")
 
 
@@ -54,12 +61,9 @@ def arithmetic_share(steps: Callable[[], None]) -> float:
 
 
 def _robot(scenario: Scenario) -> Callable[[], None]:
-    rng, network = np.random.default_rng(0), build_qnetwork(scenario, 0)
-    learner = Learner(network, scenario.learning, to_weights(network), rng)
-    for index in range(200):
-        frame = rng.integers(0, 256, network.takes.shape, dtype=np.uint8)
-        learner.replay.observe(frame, first=index == 0)
-        learner.replay.act(int(rng.integers(4)), -1.0, terminated=False)
+    network = build_qnetwork(scenario, 0)
+    learner = Learner(network, scenario.learning, to_weights(network), np.random.default_rng(0))
+    _remember(learner.replay, network.takes.shape)
 
     def steps() -> None:
         learner.learn(STEPS)
@@ -67,35 +71,48 @@ def _robot(scenario: Scenario) -> Callable[[], None]:
     return steps
 
 
-def _bare(scenario: Scenario) -> Callable[[], None]:
-    rng, settings = np.random.default_rng(0), scenario.learning
+def _remember(replay: Replay, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    for index in range(200):
+        replay.observe(rng.integers(0, 256, shape, dtype=np.uint8), first=index == 0)
+        replay.act(int(rng.integers(4)), -1.0, terminated=False)
+
+
+def _drawn(scenario: Scenario) -> Batches:
+    network, rng = build_qnetwork(scenario, 0), np.random.default_rng(0)
+    replay = Replay(scenario.learning.replay_size, network.takes)
+    _remember(replay, network.takes.shape)
+
+    def batches() -> Iterator[TensorBatch]:
+        for _ in range(STEPS):
+            yield to_tensors(replay.sample(scenario.learning.batch_size, rng), network, torch.device("cpu"))
+
+    return batches
+
+
+def _ready(scenario: Scenario) -> Batches:
+    held = list(_drawn(scenario)())
+    return lambda: iter(held)
+
+
+def _loop(scenario: Scenario, batches: Batches) -> Callable[[], None]:
+    settings = scenario.learning
     online, target = build_qnetwork(scenario, 0), build_qnetwork(scenario, 0).requires_grad_(False)
     parameters, tracked = list(online.parameters()), list(target.parameters())
-    optimizer = torch.optim.Adam(parameters, lr=settings.lr, fused=True)
-    shape = (settings.batch_size, *online.takes.shape)
-    batches = [
-        (
-            online.prepare(rng.integers(0, 256, shape, dtype=np.uint8)),
-            torch.from_numpy(rng.integers(4, size=settings.batch_size)),
-            torch.full((settings.batch_size,), -1.0),
-            online.prepare(rng.integers(0, 256, shape, dtype=np.uint8)),
-        )
-        for _ in range(STEPS)
-    ]
+    optimizer = torch.optim.Adam(parameters, lr=settings.lr, eps=settings.adam_eps, fused=True)
 
     def steps() -> None:
-        for frames, actions, rewards, next_frames in batches:
+        for batch in batches():
             with torch.no_grad():
-                best = online(next_frames).argmax(1, keepdim=True)
-                goal = rewards + settings.discount * target(next_frames).gather(1, best).squeeze(1)
-            q = online(frames).gather(1, actions.unsqueeze(1)).squeeze(1)
-            loss = functional.smooth_l1_loss(q, goal)
+                next_q, next_q_target = online(batch.next_frames), target(batch.next_frames)
+                told = (batch.rewards, batch.terminated, next_q, next_q_target, settings.discount)
+                goal = td_target(*told, double=True)
+            loss = td_loss(online(batch.frames), batch.actions, goal)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(parameters, settings.grad_clip, foreach=True)
             optimizer.step()
-            with torch.no_grad():
-                torch._foreach_lerp_(tracked, parameters, settings.target_polyak)
+            polyak_update(tracked, parameters, settings.target_polyak)
 
     return steps
 

@@ -29,6 +29,15 @@ def td_loss(q: Tensor, action: Tensor, target: Tensor) -> Tensor:
     return functional.smooth_l1_loss(q.gather(1, action.unsqueeze(1)).squeeze(1), target)
 
 
+def td_slope(q: Tensor, action: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
+    """`td_loss`, and its slope in `q`, [batch, actions]."""
+    taken = action.unsqueeze(1)
+    error = q.gather(1, taken).squeeze(1) - target
+    loss = functional.smooth_l1_loss(error, torch.zeros_like(error))
+    slope = error.clamp(-1.0, 1.0).div_(len(error))
+    return loss, torch.zeros_like(q).scatter_(1, taken, slope.unsqueeze(1))
+
+
 def epsilon_greedy(q: Tensor, epsilon: float, rng: np.random.Generator) -> int:
     """A random action with probability `epsilon`, else the best of `q` [actions]."""
     if rng.random() < epsilon:

@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from jouleswarm.common.disk.state import State, generator_state, load_generator
 from jouleswarm.common.errors import TrainingError
 from jouleswarm.common.meter.work import Tally
 from jouleswarm.common.scenario.sections import Learning as LearningSettings
 from jouleswarm.common.wire.types import Weights
-from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
+from jouleswarm.learning.dqn import polyak_update, td_slope, td_target
+from jouleswarm.learning.flat import Flat
 from jouleswarm.learning.networks import load_weights, to_weights
+from jouleswarm.learning.passes import pass_of, values_of
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch, Replay
 
@@ -33,13 +35,13 @@ class Policy:
     def __init__(self, network: QNetwork, weights: Weights) -> None:
         """`network`: taken over."""
         self.online = network
+        self._values = values_of(network)
         load_weights(self.online, weights)
 
     def q_values(self, frame: npt.NDArray[Any]) -> Tensor:
         """Q of one observation as it is kept -> float32 [actions]."""
         with torch.inference_mode():
-            values: Tensor = self.online(self.online.prepare(frame[np.newaxis]))[0]
-        return values
+            return self._values(self.online.prepare(frame[np.newaxis]))[0]
 
     def weights(self) -> Weights:
         """A copy of the network's parameters."""
@@ -81,9 +83,9 @@ class Learner(Policy):
         self._penalty = penalty
         self._start: dict[str, Tensor] = {}
         self._target = copy.deepcopy(network).requires_grad_(False)
-        self._parameters = list(self.online.parameters())
-        self._target_parameters = list(self._target.parameters())
-        self._optimizer = _optimizer(settings, self._parameters)
+        self._flat, self._flat_target = Flat(self.online, gradients=True), Flat(self._target)
+        self._pass, self._values_of_target = pass_of(self.online), values_of(self._target)
+        self._optimizer = _optimizer(settings, self._flat.values)
         # A round's motions, each of which may open an episode with a frame more.
         spare = 2 * settings.motions_per_round
         self.replay = Replay(settings.replay_size, network.takes, replay_file, spare)
@@ -120,46 +122,58 @@ class Learner(Policy):
     def load_state(self, state: State) -> None:
         super().load_state(state.part("online"))
         load_weights(self._target, state.part("target").arrays)
+        held = self._optimizer.state[self._flat.values]
         for name, array in state.part("moments").arrays.items():
             index, key = name.split("/")
-            parameter = self._parameters[int(index)]
-            like = torch.empty_like(parameter) if array.ndim else torch.empty(())
-            self._optimizer.state[parameter][key] = like.detach().copy_(torch.from_numpy(np.array(array)))
+            whole = held.setdefault(key, torch.zeros_like(self._flat.values) if array.ndim else torch.zeros(()))
+            part = list(self._flat.views(whole))[int(index)] if array.ndim else whole
+            part.copy_(torch.from_numpy(np.array(array)))
         self.replay.load_state(state.part("replay"))
         values = state.part("learner").values
         self.steps = values["steps"]
         load_generator(self._rng, values["rng"])
 
     def _moments(self) -> Iterator[tuple[int, str, Tensor]]:
-        for index, parameter in enumerate(self._parameters):
-            for key, value in self._optimizer.state.get(parameter, {}).items():
-                yield index, key, value
+        for key, value in self._optimizer.state.get(self._flat.values, {}).items():
+            parts = self._flat.views(value) if value.dim() else [value] * len(list(self.online.parameters()))
+            for index, part in enumerate(parts):
+                yield index, key, part
 
+    @torch.no_grad()
     def _step(self, batch: Batch, next_q_target: Tensor | None) -> Tensor:
-        settings = self._settings
-        with torch.no_grad():
-            next_frames = self.online.prepare(batch.next_frames)
-            target_values = self._target(next_frames) if next_q_target is None else next_q_target
-            target = td_target(
-                torch.from_numpy(batch.rewards),
-                torch.from_numpy(batch.terminated),
-                self.online(next_frames) if settings.double else target_values,
-                target_values,
-                settings.discount,
-                double=settings.double,
-            )
-        loss = td_loss(self.online(self.online.prepare(batch.frames)), torch.from_numpy(batch.actions), target)
+        settings, learned = self._settings, len(batch.frames)
+        frames = self.online.prepare(np.concatenate((batch.frames, batch.next_frames)))
+        # The online network says in one pass what is learned on, and what double learning would do next.
+        values, backward = self._pass(frames if settings.double else frames[:learned], learned)
+        target_values = self._values_of_target(frames[learned:]) if next_q_target is None else next_q_target
+        target = td_target(
+            torch.from_numpy(batch.rewards),
+            torch.from_numpy(batch.terminated),
+            values[learned:],
+            target_values,
+            settings.discount,
+            double=settings.double,
+        )
+        loss, slope = td_slope(values[:learned], torch.from_numpy(batch.actions), target)
+        backward(slope)
         if self._penalty is not None:
-            loss = loss + self._penalty(dict(self.online.named_parameters()), self._start)
-        self._optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self._parameters, settings.grad_clip, foreach=True)
+            loss = loss + self._add_penalty()
+        self._flat.clip(settings.grad_clip)
         self._optimizer.step()
         self.steps += 1
         self._tally.gradients()
         if self.steps % settings.target_every == 0:
-            polyak_update(self._target_parameters, self._parameters, settings.target_polyak)
-        return loss.detach()
+            polyak_update([self._flat_target.values], [self._flat.values], settings.target_polyak)
+        return loss
+
+    @torch.enable_grad()
+    def _add_penalty(self) -> Tensor:
+        """Its gradient to the loss's; returns it, detached."""
+        assert self._penalty is not None
+        penalty = torch.as_tensor(self._penalty(dict(self.online.named_parameters()), self._start))
+        if penalty.requires_grad:
+            penalty.backward()  # type: ignore[no-untyped-call]
+        return penalty.detach()
 
     def _target_rests(self, batches: int) -> bool:
         """Whether the target network stays as it is until the last of the next `batches` steps."""
@@ -169,11 +183,11 @@ class Learner(Policy):
     def _next_q_in_one_batch(self, drawn: list[Batch]) -> Tensor:
         frames = np.concatenate([batch.next_frames for batch in drawn])
         with torch.no_grad():
-            values: Tensor = self._target(self._target.prepare(frames))
+            values = self._values_of_target(self._target.prepare(frames))
         return values.reshape(len(drawn), -1, values.shape[1])
 
 
-def _optimizer(settings: LearningSettings, parameters: list[nn.Parameter]) -> torch.optim.Optimizer:
+def _optimizer(settings: LearningSettings, parameters: Tensor) -> torch.optim.Optimizer:
     if settings.optimizer == "sgd":
-        return torch.optim.SGD(parameters, lr=settings.lr, fused=True)
-    return torch.optim.Adam(parameters, lr=settings.lr, eps=settings.adam_eps, fused=True)
+        return torch.optim.SGD([parameters], lr=settings.lr, fused=True)
+    return torch.optim.Adam([parameters], lr=settings.lr, eps=settings.adam_eps, fused=True)
