@@ -21,8 +21,9 @@ class Connection(WriterAdapter):  # type: ignore[misc]
     def __init__(self, sock: socket.socket, limits: Limits, budget: Budget, turns: Turns) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER_BYTES)
+        import os
+        if int(os.environ.get("SB", 512)): sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024 * int(os.environ.get("SB", 512)))
+        if int(os.environ.get("RB", 512)): sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024 * int(os.environ.get("RB", 512)))
         self.peer: tuple[str, int] = sock.getpeername()[:2]
         self.closed_because: str | None = None
         self._sock = sock
