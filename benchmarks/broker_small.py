@@ -108,7 +108,7 @@ def tell(load: Load, robots: int, found: dict[str, list[Round]]) -> None:
         # Processor time goes by ticks of 10 ms: the mean over all rounds is finer than each.
         broker_us = statistics.mean(each.broker_us for each in rounds)
         print(
-            f"{load.name:22}{name:>10}{messages / columns.seconds:9.0f} messages/s, delay p50 {columns.p50_ms:6.2f} ms, "
+            f"{load.name:22}{name:>10}{messages / columns.seconds:8.0f} messages/s: p50 {columns.p50_ms:6.2f} ms, "
             f"p99 {columns.p99_ms:6.2f} ms; processor a message: broker {broker_us:.1f} us, "
             f"clients {columns.clients_us:.1f} us"
         )

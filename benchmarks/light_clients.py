@@ -1,4 +1,4 @@
-"""MQTT clients that cost next to nothing, so that a broker's work is what is seen: blocking sockets, packets made before.
+"""MQTT clients that cost little, so that a broker's work is what is seen: blocking sockets, packets made before.
 
 They trust the broker: no keepalive, nothing is sent again, sizes are those of the one topic that they listen to.
 """

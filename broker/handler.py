@@ -92,7 +92,9 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
         while not self.left_cleanly:
             if writer.replies > REPLIES:
                 await writer.caught_up()
-            packet = reader.ready_packet() or await reader.read_packet()
+            if (packet := reader.ready_packet()) is None:
+                await reader.begun()
+                packet = reader.ready_packet() or await reader.read_packet()
             if packet.first >> 4 == PUBLISH:
                 await self._on_publish(packet)
             else:

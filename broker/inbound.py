@@ -43,6 +43,11 @@ class PacketReader:
         """Whether the broker itself has stopped reading from this client for want of memory."""
         return self._room is not None
 
+    async def begun(self) -> None:
+        """Wait until a packet has begun to come. Raises PeerGone."""
+        if self._end - self._start < 2:
+            await self._fill(2)
+
     def ready_packet(self) -> Packet | None:
         """The next packet if it has come whole already and there is room for it; None: `read_packet` tells more."""
         buffer, start, end = self._buffer, self._start, self._end
