@@ -15,7 +15,7 @@ from jouleswarm.broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limi
 from jouleswarm.broker.packets import Packet
 
 BUFFER_BYTES = 16 * 1024
-# What one client's packets may take without a look at the others'.
+# What one client's large packets may take without a look at the others.
 TURN_BYTES = 1024 * 1024
 TOPIC_WAIT_S = 0.5
 
@@ -170,7 +170,7 @@ class PacketReader:
 
     async def _receive(self, targets: list[memoryview], wanted: int) -> int:
         self._targets, self._wanted, self._got = targets, wanted, 0
-        if self._has_more:
+        if self._has_more and wanted > 1:  # the rest of a packet: small ones take turns by the buffer
             self._take_in()
         if self._ended is not None:
             raise PeerGone(self._ended)
