@@ -116,7 +116,8 @@ def tell(load: Load, robots: int, found: dict[str, list[Round]]) -> None:
     faster = ratio([each.seconds for each in theirs], [each.seconds for each in ours])
     later = ratio([each.p99_ms for each in ours], [each.p99_ms for each in theirs])
     busier = statistics.mean(each.broker_us for each in ours) / statistics.mean(each.broker_us for each in theirs)
-    print(f"{load.name:22}{'ratio':>10} throughput {faster:.2f}, p99 {later:.2f}, broker's processor time {busier:.2f}")
+    ratios = f"throughput {faster:.2f}, p99 {later:.2f}, broker's processor time {busier:.2f}"
+    print(f"{load.name:22}{'ratio':>10} {ratios}", flush=True)
 
 
 def main() -> None:

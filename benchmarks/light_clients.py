@@ -106,7 +106,7 @@ class Robot:
     def packets(self, count: int) -> bytes:
         """The next messages, made now; all that is left at most."""
         count = min(count, self.to_send)
-        stamp, made = time.perf_counter_ns().to_bytes(_STAMP_BYTES, "big"), []
+        stamp, made = time.perf_counter_ns().to_bytes(_STAMP_BYTES, "big"), list[bytes]()
         for _ in range(count):
             self._identifier = self._identifier % 65535 + 1
             made += (self._head, self._identifier.to_bytes(2, "big"), stamp, self._filler)
