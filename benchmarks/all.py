@@ -26,6 +26,7 @@ PARTS = (
     "gradient_step",
     "bus_round --rounds 4 --pairs 2",
     "broker_throughput --rounds 9",
+    "broker_small --rounds 3",
     "broker_metering",
     "ring_exchange --rounds 20",
     "tls --rounds 15",
@@ -37,7 +38,7 @@ PARTS = (
     "memory --rounds 1",
 )
 LONGEST_S = 150.0
-_RATIO = re.compile(r"ratio ([\d.]+)|([\d.]+) mosquitto|([\d.]+) ?x\b")
+_RATIO = re.compile(r"ratio(?: throughput)? ([\d.]+)|([\d.]+) mosquitto|([\d.]+) ?x\b")
 
 
 def main() -> None:

@@ -4,7 +4,8 @@
 
 Every subscriber is a process of its own. Each round measures all brokers one after the other, so that a busy
 machine slows all of them alike; the ratios are medians over the rounds. On a busy machine wall time jumps with
-where the scheduler puts the processes, so the brokers' processor time a round is shown as well.
+where the scheduler puts the processes, so the brokers' processor time a round is shown as well. In the case called raw
+publisher and subscriber are plain sockets (`light_clients`), so that the clients' own cost hides less of the brokers'.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Any
 import psutil
 
 from benchmarks.harness import embedded, in_turn, mosquitto, parser, ratio, seconds
+from benchmarks.light_clients import light_publisher, light_subscriber
 from jouleswarm.common.bus.mqtt import MqttBus
 
 WEIGHTS_BYTES = 5_565_072
@@ -162,10 +164,16 @@ def exchange_crew(url: str) -> list[tuple[Callable[..., None], tuple[Any, ...]]]
     return [(data_center, (url,)), *((robot, (url, number)) for number in range(ROBOTS))]
 
 
+def light_crew(url: str) -> list[tuple[Callable[..., None], tuple[Any, ...]]]:
+    what = (url, f"{RUN}/ul/1/1/experience", FRAMES, FRAME_BYTES)
+    return [(light_publisher, what), (light_subscriber, what)]
+
+
 CASES = (
     fan_out(1, WEIGHTS_BYTES, 1, "5.57 MB to 1"),
     fan_out(1, WEIGHTS_BYTES, ROBOTS, "5.57 MB to 12"),
     fan_out(FRAMES, FRAME_BYTES, 1, "20 x 1.23 MB to 1"),
+    Case("20 x 1.23 MB, raw", FRAMES * FRAME_BYTES, light_crew),
     Case("exchange of 12", ROBOTS * (FRAMES * FRAME_BYTES + 2 * WEIGHTS_BYTES), exchange_crew),
 )
 
@@ -214,7 +222,7 @@ def main() -> None:
         for case in CASES:
             if options.case and options.case not in case.name:
                 continue
-            rounds = max(3, options.rounds // 3) if not case.messages else options.rounds
+            rounds = max(3, options.rounds // 3) if case.crew is exchange_crew else options.rounds
             before_s = {name: cpu_s(process) for name, process in processes.items()}
             found = measure(case, urls, rounds)
             cpu_ms = [(cpu_s(processes[name]) - before_s[name]) / (rounds + 1) * 1e3 for name in urls]

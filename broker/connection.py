@@ -12,7 +12,8 @@ from jouleswarm.broker.limits import Budget, Limits, Turns
 from jouleswarm.broker.outbound import PacketWriter
 from jouleswarm.broker.tls import TlsPacketReader, shake_hands
 
-SOCKET_BUFFER_BYTES = 512 * 1024
+# The receive buffer is the kernel's to size (`tcp_rmem`): it grows with what comes, and publishers wait less often.
+SEND_BUFFER_BYTES = 512 * 1024
 
 
 class Connection(WriterAdapter):  # type: ignore[misc]
@@ -21,8 +22,7 @@ class Connection(WriterAdapter):  # type: ignore[misc]
     def __init__(self, sock: socket.socket, limits: Limits, budget: Budget, turns: Turns) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER_BYTES)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.peer: tuple[str, int] = sock.getpeername()[:2]
         self.closed_because: str | None = None
         self._sock = sock

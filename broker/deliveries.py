@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from amqtt.session import Session
@@ -173,23 +174,25 @@ class Deliveries:
     ) -> None:
         header = publication.header(qos, packet_id, dup=dup, retain=retain)
         size = len(header) + len(publication.payload)
-        client_id, forgets = self._session.client_id, self._session.clean_session
-
-        def done(written: int) -> None:
-            if delivery is not None:
-                delivery.begun = delivery.begun or written > 0
-                if forgets:
-                    delivery.publication = None
-            if written == size:
-                payload_bytes = len(publication.payload)
-                self._meter.count(client_id, publication.topic, "out", payload_bytes, size)
-                if dup:
-                    self._meter.repeated(client_id, publication.topic, "out", payload_bytes, size)
-                if delivery is not None:
-                    delivery.written = publication.topic, payload_bytes, size
-            else:
-                self._meter.event("aborted_deliveries")
-                self._meter.event("aborted_bytes", written)
-            publication.drop()
-
+        done = partial(self._done, publication, delivery, size, dup)
         self._connection.send(header, publication.payload, done, retained=retain)
+
+    def _done(
+        self, publication: Publication, delivery: Delivery | None, packet_bytes: int, dup: bool, written: int
+    ) -> None:
+        """A packet was written, or what of it could be before the connection ended."""
+        if delivery is not None:
+            delivery.begun = delivery.begun or written > 0
+            if self._session.clean_session:
+                delivery.publication = None
+        if written == packet_bytes:
+            client_id, topic, payload_bytes = self._session.client_id, publication.topic, len(publication.payload)
+            self._meter.count(client_id, topic, "out", payload_bytes, packet_bytes)
+            if dup:
+                self._meter.repeated(client_id, topic, "out", payload_bytes, packet_bytes)
+            if delivery is not None:
+                delivery.written = topic, payload_bytes, packet_bytes
+        else:
+            self._meter.event("aborted_deliveries")
+            self._meter.event("aborted_bytes", written)
+        publication.drop()

@@ -88,10 +88,13 @@ class ClientHandler(BrokerProtocolHandler):  # type: ignore[misc]
             PeerGone: the connection ended without DISCONNECT.
             MalformedPacket: the client broke the protocol.
         """
+        reader, writer = self.connection.reader, self.connection.writer
         while not self.left_cleanly:
-            if self.connection.writer.replies > REPLIES:
-                await self.connection.writer.caught_up()
-            packet = await self.connection.reader.read_packet()
+            if writer.replies > REPLIES:
+                await writer.caught_up()
+            if (packet := reader.ready_packet()) is None:
+                await reader.begun()
+                packet = reader.ready_packet() or await reader.read_packet()
             if packet.first >> 4 == PUBLISH:
                 await self._on_publish(packet)
             else:

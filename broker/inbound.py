@@ -15,6 +15,8 @@ from jouleswarm.broker.limits import CONTROL_BYTES, OVERHEAD_BYTES, Budget, Limi
 from jouleswarm.broker.packets import Packet
 
 BUFFER_BYTES = 16 * 1024
+# What one client's large packets may take without a look at the others.
+TURN_BYTES = 1024 * 1024
 TOPIC_WAIT_S = 0.5
 
 
@@ -28,7 +30,8 @@ class PacketReader:
         self._limits, self._budget, self._fail = limits, budget, fail
         self._buffer = memoryview(bytearray(BUFFER_BYTES))
         self._start = self._end = 0
-        self._target, self._wanted, self._got = self._buffer, 0, 0
+        self._targets, self._wanted, self._got = [self._buffer], 0, 0
+        self._has_more, self._turn_bytes = False, 0
         self._waiter: asyncio.Future[None] | None = None
         self._room: asyncio.Future[None] | None = None
         self._reading = self._in_packet = False
@@ -39,6 +42,33 @@ class PacketReader:
     def waits_for_room(self) -> bool:
         """Whether the broker itself has stopped reading from this client for want of memory."""
         return self._room is not None
+
+    async def begun(self) -> None:
+        """Wait until a packet has begun to come. Raises PeerGone."""
+        if self._end - self._start < 2:
+            await self._fill(2)
+
+    def ready_packet(self) -> Packet | None:
+        """The next packet if it has come whole already and there is room for it; None: `read_packet` tells more."""
+        buffer, start, end = self._buffer, self._start, self._end
+        if end - start < 2:
+            return None
+        first, length = buffer[start], buffer[start + 1]
+        start += 2
+        if length >= 128:
+            if start == end or buffer[start] >= 128:
+                return None
+            length += (buffer[start] - 1) << 7
+            start += 1
+        if start + length > end:
+            return None
+        cost_bytes = 0
+        if first >> 4 == PUBLISH:
+            cost_bytes = length + OVERHEAD_BYTES
+            if length > self._limits.message_bytes or not self._budget.try_take(cost_bytes):
+                return None
+        self._start = start + length
+        return Packet(first, memoryview(bytes(buffer[start : self._start])), cost_bytes)
 
     async def read_packet(self, limit_bytes: int | None = None) -> Packet:
         """The next packet.
@@ -126,7 +156,9 @@ class PacketReader:
         body[:ready] = self._buffer[self._start : self._start + ready]
         self._start += ready
         if ready < length:
-            await self._receive(body[ready:], length - ready)
+            # What follows the packet comes in the same call, if it is there.
+            self._start = self._end = 0
+            self._end = await self._receive([body[ready:], self._buffer], length - ready) - (length - ready)
         return body
 
     async def _fill(self, count: int) -> None:
@@ -134,12 +166,16 @@ class PacketReader:
             rest = self._end - self._start
             self._buffer[:rest] = bytes(self._buffer[self._start : self._end])
             self._start, self._end = 0, rest
-            self._end += await self._receive(self._buffer[rest:], 1)
+            self._end += await self._receive([self._buffer[rest:]], 1)
 
-    async def _receive(self, target: memoryview, wanted: int) -> int:
+    async def _receive(self, targets: list[memoryview], wanted: int) -> int:
+        self._targets, self._wanted, self._got = targets, wanted, 0
+        if self._has_more and wanted > 1:  # the rest of a packet: small ones take turns by the buffer
+            self._take_in()
         if self._ended is not None:
             raise PeerGone(self._ended)
-        self._target, self._wanted, self._got = target, wanted, 0
+        if self._got >= wanted:
+            return self._got
         self._waiter = self._loop.create_future()
         if not self._reading:
             self._loop.add_reader(self._fd, self._on_readable)
@@ -155,9 +191,17 @@ class PacketReader:
             self._loop.remove_reader(self._fd)
             self._reading = False
             return
+        self._turn_bytes = 0
+        self._take_in()
+        if self._got >= self._wanted and not self._waiter.done():
+            self._waiter.set_result(None)
+
+    def _take_in(self) -> None:
+        """Read once. What fills all of its place may have left more in the socket."""
         try:
-            count = self._sock.recv_into(self._target[self._got :])
+            count = self._read(self._targets)
         except (BlockingIOError, InterruptedError):
+            self._has_more = False
             return
         except OSError as error:
             self._fail(f"reading failed: {error.strerror}")
@@ -167,5 +211,10 @@ class PacketReader:
             return
         self.last_received_s = self._loop.time()
         self._got += count
-        if self._got >= self._wanted:
-            self._waiter.set_result(None)
+        self._turn_bytes += count
+        self._has_more = count == sum(map(len, self._targets)) and self._turn_bytes < TURN_BYTES
+        if self._got < self._wanted:
+            self._targets[0] = self._targets[0][count:]
+
+    def _read(self, targets: list[memoryview]) -> int:
+        return self._sock.recvmsg_into(targets)[0]

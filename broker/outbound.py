@@ -13,7 +13,8 @@ from itertools import islice
 
 from jouleswarm.broker.limits import REPLIES, Turns
 
-GATHERED = 64  # packets in one system call
+GATHERED = 256  # packets in one system call
+AT_ONCE_BYTES = 64 * 1024  # a packet as large does not wait for others to go with it
 
 Done = Callable[[int], None]
 
@@ -51,7 +52,7 @@ class PacketWriter:
         self._sock, self._fd = sock, sock.fileno()
         self._turns, self._fail = turns, fail
         self._queue: deque[_Outgoing] = deque()
-        self._writing = self._closing = False
+        self._writing = self._closing = self._due = False
         self._ended = False
         self._written = self._taken = 0
         self._last_taken_s = self._loop.time()
@@ -78,8 +79,13 @@ class PacketWriter:
         self._queue.append(item)
         self.replies += item.is_reply
         self.queued_bytes += item.size
-        if not self._writing:
+        if self._writing:
+            return
+        if item.size >= AT_ONCE_BYTES:
             self._flush()
+        elif not self._due:
+            self._due = True
+            self._loop.call_soon(self._flush_due)
 
     async def caught_up(self) -> None:
         """Wait while the peer leaves unread too much of what it asked for itself: acknowledgements, retained messages.
@@ -108,7 +114,8 @@ class PacketWriter:
         return None
 
     def end(self) -> None:
-        """Nothing more will be written; what is queued is given up."""
+        """Nothing more will be written; what the socket does not take now is given up."""
+        self._flush_due()
         self._ended = True
         self._stop_writing()
         queue, self._queue = self._queue, deque()
@@ -117,6 +124,12 @@ class PacketWriter:
         for item in queue:
             if item.done is not None:
                 item.done(item.sent)
+
+    def _flush_due(self) -> None:
+        if self._due and not self._ended:
+            self._due = False
+            if self._queue and not self._writing:
+                self._flush()
 
     def _flush(self) -> None:
         views: list[bytes | memoryview] = []

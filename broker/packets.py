@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from amqtt.mqtt.packet import CONNECT
@@ -12,6 +13,8 @@ from jouleswarm.common.wire.mqtt import read_publish
 
 PROTOCOLS = {"MQTT": 4, "MQIsdp": 3}  # name -> level: MQTT 3.1.1, and 3.1, whose packets are the same
 SEPARATORS = 200  # of levels in a topic, as in Mosquitto
+# Topics that need not be looked at anew, and how long each may be: what clients make up must not fill the memory.
+KNOWN_TOPICS, KNOWN_BYTES = 4096, 256
 # Characters for which section 1.5.3 lets a receiver close the connection; the first of them it must not take.
 _FORBIDDEN = re.compile("[\0-\x1f\x7f-\x9f\ufdd0-\ufdef\ufffe\uffff]")
 UNACCEPTABLE_LEVEL, IDENTIFIER_REJECTED = 1, 2  # return codes of CONNACK (section 3.2.2.3)
@@ -145,10 +148,18 @@ def parse_publish(first: int, body: memoryview) -> Publish:
         raise MalformedPacket("PUBLISH with packet identifier 0")
     if not qos and first & 8:
         raise MalformedPacket("PUBLISH with QoS 0 and DUP")
+    topic = _known_topic(name) if len(name) <= KNOWN_BYTES else _topic(name)
+    return Publish(topic, packet_id, payload, qos, bool(first & 1))
+
+
+def _topic(name: bytes) -> str:
     topic = decode_text(name, "PUBLISH")
     if not is_topic(topic):
         raise MalformedPacket(f"PUBLISH on topic {topic!r}, which cannot be published on")
-    return Publish(topic, packet_id, payload, qos, bool(first & 1))
+    return topic
+
+
+_known_topic = lru_cache(KNOWN_TOPICS)(_topic)
 
 
 def parse_subscribe(body: memoryview) -> tuple[bytes, list[Subscription]]:

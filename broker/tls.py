@@ -54,10 +54,13 @@ class TlsFiles:
 class TlsPacketReader(PacketReader):
     """Knows that bytes can wait inside TLS, where the event loop does not see them."""
 
-    async def _receive(self, target: memoryview, wanted: int) -> int:
+    async def _receive(self, targets: list[memoryview], wanted: int) -> int:
         if isinstance(self._sock, ssl.SSLSocket) and self._ended is None and self._sock.pending():
             self._loop.call_soon(self._on_pending)
-        return await super()._receive(target, wanted)
+        return await super()._receive(targets, wanted)
+
+    def _read(self, targets: list[memoryview]) -> int:
+        return self._sock.recv_into(targets[0])  # an SSLSocket cannot scatter
 
     def _on_pending(self) -> None:
         if self._ended is None:

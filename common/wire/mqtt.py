@@ -42,6 +42,10 @@ def publish_head(
 
 def length_bytes(length: int) -> bytes:
     """A remaining length (section 2.2.3): 7 bits a byte, the lowest first."""
+    if length < 128:
+        return bytes((length,))
+    if length < 1 << 14:
+        return bytes((length & 127 | 128, length >> 7))
     digits = bytearray()
     while length >= 128:
         digits.append(length & 127 | 128)
@@ -61,4 +65,5 @@ def publish_body_bytes(topic: str, payload_bytes: int, qos: int) -> int:
 
 def packet_bytes(length: int) -> int:
     """Size of a whole packet from its remaining length: 1 + its digits + the length."""
-    return 1 + len(length_bytes(length)) + length
+    digits = 1 if length < 1 << 7 else 2 if length < 1 << 14 else 3 if length < 1 << 21 else 4
+    return 1 + digits + length
