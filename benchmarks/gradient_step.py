@@ -40,7 +40,7 @@ def main() -> None:
     for name in options.scenarios:
         scenario = load_scenario(name)
         robot = _robot(scenario)
-        sides = {"robot": partial(cpu_seconds, robot), "bare loop": partial(cpu_seconds, _bare(scenario))}
+        sides = {"robot": partial(cpu_seconds, robot), "bare loop": partial(cpu_seconds, bare_loop(scenario))}
         print(compare(f"a step of {name}", in_turn(sides, options.repeats), factor=1e3 / STEPS))
         print(f"in the kernels of convolutions and matrix products: {arithmetic_share(robot):.0%} of the robot's step")
 
@@ -67,7 +67,7 @@ def _robot(scenario: Scenario) -> Callable[[], None]:
     return steps
 
 
-def _bare(scenario: Scenario) -> Callable[[], None]:
+def bare_loop(scenario: Scenario) -> Callable[[], None]:
     rng, settings = np.random.default_rng(0), scenario.learning
     online, target = build_qnetwork(scenario, 0), build_qnetwork(scenario, 0).requires_grad_(False)
     parameters, tracked = list(online.parameters()), list(target.parameters())

@@ -2,11 +2,12 @@
 
     python -m benchmarks.scale [--robots 12 48 96 200] [--rounds 10] [--out scale.csv]
 
-Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each size,
-so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts all of it,
-as for anybody. Per robot-round: CPU time of robots (their start is in it), of the broker, and of `jouleswarm run`
-itself, which records; wire bytes by the run's meter, in and out of the broker. The fork server is counted once: it loads
-the libraries for all. PSS is a robot's (the median) once all are in their first round.
+Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each
+size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts all
+of it, as for anybody. Per robot-round: CPU time of robots (their start is in it), of the broker, and of the run's own
+process, which records; wire bytes by the run's meter, in and out of the broker. What is done once however many robots
+there are is told apart: the fork server loads the libraries for all, and run and broker have begun before it does. PSS
+is a robot's (the median) once all are in their first round.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ import psutil
 
 from benchmarks.harness import MEGABYTE, parser
 from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.runs.directory import STATE
 
 CLUSTER = 4
 GOAL = 1.2
-LOOK_S = 0.2
+LOOK_S = 0.1
 COLUMNS = (
-    "robots", "start_s", "robots_ms", "broker_ms", "run_ms", "all_ms", "ratio", "broker_share", "fork_server_s",
+    "robots", "start_s", "robots_ms", "broker_ms", "run_ms", "all_ms", "ratio", "broker_share", "once_s",
     "wire_bytes", "pss_mb", "fds_broker", "fds_run",
 )  # fmt: skip
 MAPS = ("E * * X", "E * X .", ". E * X")
@@ -51,6 +53,8 @@ class Seen:
     pss_mb: list[float] = field(default_factory=list)
     cpu_s: dict[str, float] = field(default_factory=dict)
     """By process, the robots left out."""
+    begun: dict[str, float] = field(default_factory=dict)
+    """What run and broker had used when the fork server came."""
     fds: dict[str, int] = field(default_factory=dict)
     """At most."""
 
@@ -71,23 +75,24 @@ def measure(robots: int, rounds: int) -> dict[str, float]:
         with (Path(folder) / "log").open("w") as log:
             begun_s = time.monotonic()
             run = subprocess.Popen([*command, "--no-figures"], stdout=log, stderr=subprocess.STDOUT)
-            seen = _watch(run.pid, Path(folder) / "scale" / "rounds.jsonl", robots, begun_s)
+            seen = _watch(run.pid, Path(folder) / "scale" / STATE, robots, begun_s)
             all_s = seen.cpu_s.pop("all")
             if run.wait():
                 sys.exit(f"{robots} robots: the run failed\n{Path(folder, 'log').read_text()[-2000:]}")
         wire = sum(_wire(Path(folder) / "scale" / "meter.jsonl"))
     per = 1e3 / (robots * rounds)
     robots_s = all_s - sum(seen.cpu_s.values())
-    counted_s = all_s - seen.cpu_s["fork server"]
+    once_s = seen.cpu_s["fork server"] + sum(seen.begun.values())
+    counted_s = all_s - once_s
     return {
         "robots": robots,
         "start_s": seen.start_s,
         "robots_ms": robots_s * per,
-        "broker_ms": seen.cpu_s["broker"] * per,
-        "run_ms": seen.cpu_s["run"] * per,
+        "broker_ms": (seen.cpu_s["broker"] - seen.begun["broker"]) * per,
+        "run_ms": (seen.cpu_s["run"] - seen.begun["run"]) * per,
         "all_ms": counted_s * per,
-        "broker_share": seen.cpu_s["broker"] / counted_s,
-        "fork_server_s": seen.cpu_s["fork server"],
+        "broker_share": (seen.cpu_s["broker"] - seen.begun["broker"]) / counted_s,
+        "once_s": once_s,
         "wire_bytes": wire / (robots * rounds),
         "pss_mb": statistics.median(seen.pss_mb),
         "fds_broker": seen.fds["broker"],
@@ -95,15 +100,17 @@ def measure(robots: int, rounds: int) -> dict[str, float]:
     }
 
 
-def _watch(pid: int, rows: Path, robots: int, begun_s: float) -> Seen:
+def _watch(pid: int, state: Path, robots: int, begun_s: float) -> Seen:
     """Look at a run until it has ended; it isn't waited for, so that its times can still be read."""
     seen, run = Seen(), psutil.Process(pid)
     while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         for name, each in _helpers(run):
             with contextlib.suppress(psutil.Error):
                 seen.cpu_s[name] = _cpu_s(each)
+                if name == "fork server" and not seen.begun:
+                    seen.begun = {other: seen.cpu_s[other] for other in ("run", "broker")}
                 seen.fds[name] = max(seen.fds.get(name, 0), each.num_fds())
-        if not seen.pss_mb and rows.exists() and rows.read_bytes().count(b'"round":0') >= robots:
+        if not seen.pss_mb and sum(1 for _ in state.glob("agent-*/*.0")) >= robots:  # kept in round 0
             seen.start_s = time.monotonic() - begun_s
             for each in run.children(recursive=True):
                 with contextlib.suppress(psutil.Error):
@@ -148,7 +155,7 @@ def told(row: dict[str, float], first: dict[str, float]) -> str:
         f"{row['all_ms']:.1f} ms (robots {row['robots_ms']:.1f}, broker {row['broker_ms']:.2f}, run "
         f"{row['run_ms']:.2f}; broker's share {row['broker_share']:.1%}), {row['wire_bytes']:.0f} wire bytes, PSS "
         f"{row['pss_mb']:.1f} MB a robot, open files {row['fds_broker']:.0f} of the broker and {row['fds_run']:.0f} of "
-        f"the run, fork server {row['fork_server_s']:.1f} s once; CPU a robot-round against {first['robots']:.0f} "
+        f"the run, {row['once_s']:.1f} s once; CPU a robot-round against {first['robots']:.0f} "
         f"robots (goal {GOAL}): ratio {row['ratio']:.3f}"
     )
 
