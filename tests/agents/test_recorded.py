@@ -142,7 +142,7 @@ def test_the_example_s_wall_is_as_far_away_as_it_is() -> None:
 
 
 def test_pictures_are_shrunk_once_where_robots_see_them_small() -> None:
-    env = LandmarksEnv(task=2, scenario=EXAMPLES / "recorded.toml")
+    env = LandmarksEnv(task=2, scenario=load_scenario(EXAMPLES / "recorded.toml", ["camera.draw=input"]))
     assert env.show_as((18, 24, 4))
     frame, _ = env.reset(seed=1, options={"start": (3, 1)})
     assert frame.shape == (18, 24, 4)

@@ -10,7 +10,7 @@ import pytest
 
 from jouleswarm.common.scenario.reading import load_scenario, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.environments.landmarks.settings import camera_of
+from jouleswarm.environments.landmarks.settings import Camera, camera_of
 from jouleswarm.studies.record import Record, read_record, write_record
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
@@ -35,7 +35,7 @@ def test_a_run_of_before_means_what_it_meant_and_a_scenario_of_today_what_today_
     (path := tmp_path / "manifest.json").write_text(json.dumps({"scenario": older}))
     assert meaning(load_scenario(path)) == ("frame", "partial")
     assert meaning(load_scenario(path, ["camera.draw=input"])) == ("input", "partial")
-    assert meaning(scenario_from(older, "today")) == ("input", "full")
+    assert meaning(scenario_from(older, "today")) == (Camera().draw, "full")
 
 
 def test_a_run_of_today_means_what_it_says(tmp_path: Path) -> None:
