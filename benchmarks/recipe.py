@@ -32,6 +32,8 @@ BOTH = {
     "adam_eps": ["learning.adam_eps=1e-8"],
     "target": ["learning.target_polyak=0.1"],
     "epsilon": ["learning.epsilon=0.3"],
+    "frame": ["camera.draw=frame"],
+    "input": ["camera.draw=input"],
 }
 COLUMNS = ("variant", "seed", "arm", "rounds", "rounds_first", "not_learned", "rounds_of_tasks")
 

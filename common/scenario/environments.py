@@ -5,6 +5,7 @@ What a name stands for is a factory: called with a task's kwargs it gives a gymn
 - `sections`: table of the scenario -> its pydantic model. They are the environment's own, and are handed to it by name.
 - `task`: pydantic model of fields that a task has beside `id`, `robots` and `kwargs`.
 - `defaults`: table -> values of the core's settings where the scenario names none.
+- `earlier`: table -> values of settings that its written scenarios may lack (see `common.scenario.stored`).
 - `of_task(scenario, task)`: gives the environment in place of the call, for who needs to know the whole scenario.
 - `spaces(scenario)`: `Spaces` from the settings alone; else the first task's environment is made to know them.
 - `check(scenario)`: yields a line for each thing that does not fit together.

@@ -12,6 +12,7 @@ from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.environments import LANDMARKS, factory_of, make, spaces_of, with_own
 from jouleswarm.common.scenario.sections import Network, Section, Task
 from jouleswarm.common.scenario.spaces import Interface, Spaces
+from jouleswarm.common.scenario.stored import as_written
 
 T = TypeVar("T")
 
@@ -47,12 +48,14 @@ class Problem(Section):
         if not isinstance(name, str):
             return data
         try:
-            factory = factory_of(name, folder)
+            factory, is_known = factory_of(name, folder), True
         except ConfigurationError:
             if (info.context or {}).get("interface") is None:
                 raise
-            return data  # a run that was begun: its report needs no environment
-        return with_own(factory, data, cls.model_fields, folder)
+            factory, is_known = None, False  # a run that was begun: its report needs no environment
+        if (info.context or {}).get("stored"):
+            data = as_written(data, factory)
+        return with_own(factory, data, cls.model_fields, folder) if is_known else data
 
     @property
     def factory(self) -> Any | None:

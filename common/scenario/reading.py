@@ -50,7 +50,7 @@ def load_scenario(given: str | Path | Mapping[str, Any], overrides: Iterable[Ove
             folder /= DOORS
     for override in overrides:
         apply_override(data, override)
-    return scenario_from(data, where, folder, interface)
+    return scenario_from(data, where, folder, interface, stored=where.endswith(".json"))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
@@ -151,7 +151,12 @@ def with_overrides(scenario: Scenario, overrides: Iterable[Override], where: str
 
 
 def scenario_from(
-    data: dict[str, Any], where: str, folder: Path | None = None, interface: dict[str, Any] | None = None
+    data: dict[str, Any],
+    where: str,
+    folder: Path | None = None,
+    interface: dict[str, Any] | None = None,
+    *,
+    stored: bool = False,
 ) -> Scenario:
     """Validate a scenario given as plain data.
 
@@ -160,13 +165,14 @@ def scenario_from(
         where: names its origin in errors.
         folder: holds files that it names.
         interface: its sizes, where a run's manifest has them (see `common.scenario.spaces`).
+        stored: a version of some time wrote it down (see `common.scenario.stored`).
 
     Raises:
         ConfigurationError: one line saying what is wrong, where, and what was expected.
     """
     try:
         known = None if interface is None else Interface.model_validate(interface)
-        scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known})
+        scenario = Scenario.model_validate(data, context={"folder": folder, "interface": known, "stored": stored})
     except ValidationError as error:
         raise ConfigurationError(f"scenario {where}: {one_line(error, _models(data, folder))}") from error
     if interface is None and (misfit := next(misfits(scenario), None)):  # else it was seen when the run was begun

@@ -149,19 +149,26 @@ def _check(scenario: Scenario, options: Options) -> None:
     if options.broker is not None:
         parse_url(options.broker)
     else:
-        _check_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
+        have_open_files(len(scenario.agents) + scenario.needs_datacenter + 1)
     for agent in scenario.agents:
         credentials_of(options.keys, f"agent-{agent}")
     try_out(scenario)
 
 
-def _check_open_files(clients: int) -> None:
-    allowed, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _BROKER_FILES + clients
+def have_open_files(clients: int) -> None:
+    """Raise the limit on open files, which the broker inherits, as far as so many clients need.
+
+    Raises:
+        ConfigurationError: it may not be raised so far.
+    """
+    (soft, allowed), needed = resource.getrlimit(resource.RLIMIT_NOFILE), _BROKER_FILES + clients
     if resource.RLIM_INFINITY != allowed < needed:
         raise ConfigurationError(
             f"open files: a process may have {allowed}, expected {needed} or more, for the broker's connections to "
-            f"{clients} clients; raise `ulimit -n`"
+            f"{clients} clients; raise `ulimit -Hn`"
         )
+    if resource.RLIM_INFINITY != soft < needed:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (needed, allowed))
 
 
 def _deploy(

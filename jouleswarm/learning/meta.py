@@ -169,7 +169,7 @@ def _first_order_of_rates(rates: Params, gradient: Params, params: Params, adapt
 
 
 def reptile_gradient(
-    params: Params, batches: Sequence[S], loss: Loss[S], inner_lr: float, clip: float = math.inf
+    params: Params, batches: Sequence[S], loss: Loss[S], inner_lr: Rate, clip: float = math.inf
 ) -> tuple[Params, Params]:
     """Reptile's direction W - phi (Nichol et al. 2018), phi after one SGD step a batch, and phi."""
     adapted = adapt(params, batches, loss, inner_lr, clip, differentiable=False)

@@ -213,7 +213,8 @@ def _kept_joules(path: Path) -> list[JoulesRow]:
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
-        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, manifest.get("interface"))
+        interface = manifest.get("interface")
+        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, interface, stored=True)
     except ConfigurationError as error:
         raise RunError(f"{file}: damaged: {error}") from error
     if scenario.digests != manifest.get("doors", {}):

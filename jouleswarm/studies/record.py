@@ -66,7 +66,7 @@ def read_record(folder: Path) -> Record:
     """
     path = folder / RECORD
     try:
-        return Record.model_validate_json(path.read_bytes(), context={"folder": folder / DOORS})
+        return Record.model_validate_json(path.read_bytes(), context={"folder": folder / DOORS, "stored": True})
     except OSError as error:
         told = f"cannot be read ({error.strerror}); name a results folder of a study"
         raise ConfigurationError(f"{path}: {told}") from error

@@ -151,7 +151,7 @@ def test_pictures_are_shrunk_once_where_robots_see_them_small() -> None:
     assert env.look()[0].shape == env.observation_space.shape
 
 
-def test_frames_stay_as_they_are_unless_the_scenario_has_them_drawn_small() -> None:
-    env = LandmarksEnv(task=2, scenario=EXAMPLES / "recorded.toml")
+def test_frames_stay_as_they_are_where_the_scenario_says_so() -> None:
+    env = LandmarksEnv(task=2, scenario=load_scenario(EXAMPLES / "recorded.toml", ["camera.draw=frame"]))
     assert not env.show_as((18, 24, 4))
     assert env.reset(seed=1)[0].shape == env.observation_space.shape

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from jouleswarm.fleet.deploy import have_open_files
 from jouleswarm.runs.summary import summarise
 
 ROOT = Path(__file__).parents[2]
@@ -155,6 +156,15 @@ def test_a_run_for_which_there_are_too_few_files_is_refused(
     # 16 of its own, 4 robots, the data center, the recorder.
     assert "open files: a process may have 16, expected 22 or more" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_as_many_open_files_as_a_run_needs_are_had_where_they_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    raised: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "setrlimit", lambda _, limits: raised.append(limits))
+    for limits in ((20, 1000), (22, 1000), (20, resource.RLIM_INFINITY)):
+        monkeypatch.setattr(resource, "getrlimit", lambda _, limits=limits: limits)
+        have_open_files(6)
+    assert raised == [(22, 1000), (22, resource.RLIM_INFINITY)]  # 16 and one a client; the second had enough
 
 
 def test_a_report_of_what_is_not_there_is_refused(jouleswarm: Call, tmp_path: Path) -> None:

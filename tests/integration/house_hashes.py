@@ -32,6 +32,8 @@ Hashes = dict[str, dict[str, str]]
 
 # No robot can reach a target of 1000: every arm lasts its 5 rounds.
 SHORT = ("federation.max_rounds=5", "federation.target_reward=1000", "meta.t0=2", "meta.snapshots=[1]")
+# Defaults of today that were otherwise, or were not there, in the old commit.
+SINCE = ("camera.draw=frame",)
 CASES = {
     **{method: (f"methods=['{method}']",) for method in ("multitask", "fl", "fedavg", "centralized", "isolated")},
     "maml": ("methods=['maml']", "meta.adapt_from=[1]"),
@@ -60,9 +62,9 @@ def weights_hash(models: Mapping[tuple[str, str, int], bytes]) -> str:
     return told.hexdigest()
 
 
-def hashes(simulation: Any, reading: Any, scenario: str, case: str) -> dict[str, str]:
+def hashes(simulation: Any, reading: Any, scenario: str, case: str, since: Iterable[str] = ()) -> dict[str, str]:
     """What one case comes to; the modules are those of a tree."""
-    outcome = simulation.run_in_memory(reading.load_scenario(scenario, [*SHORT, *CASES[case]]))
+    outcome = simulation.run_in_memory(reading.load_scenario(scenario, [*SHORT, *CASES[case], *since]))
     models = {("learned", *key): payload for key, payload in outcome.learned.items()}
     models |= {("snapshot", *key): payload for key, payload in outcome.snapshots.items()}
     # Round 0 is newer than the old commit; that it changes no later round is what is held here.

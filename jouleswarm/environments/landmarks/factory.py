@@ -42,6 +42,8 @@ class Factory:
         "learning": {"max_episode_steps": 100_000},
     }
 
+    earlier = {"camera": {"draw": "frame"}}  # noqa: RUF012
+
     def of_task(self, scenario: Scenario, task: int) -> gymnasium.Env[Any, Any]:
         """The environment of one task."""
         # A late import: settings are read by processes that never open an environment.

@@ -22,7 +22,7 @@ from jouleswarm.metering.metered import Metered
 from jouleswarm.metering.windows import joined
 from jouleswarm.page import prices
 from jouleswarm.report.metered import client_name, metered_notes, published
-from jouleswarm.report.sliders import LINK_SLIDERS, SLIDERS
+from jouleswarm.report.sliders import LINK_SLIDERS, SLIDERS, Slider
 
 MOST_CLIENTS, _MOST_WINDOWS = 12, 60
 _MOST_ROWS, _MOST_BUSY = 200, 20
@@ -108,7 +108,7 @@ class MeterShown:
         return self.hub == "broker"
 
     @cached_property
-    def sliders(self) -> tuple[prices.Slider, ...]:
+    def sliders(self) -> tuple[Slider, ...]:
         """Those of links; with those of computing where clients told of any."""
         computing = [each for each in SLIDERS if each.key in ("pk_w", "tk_batch_s")]
         return (*LINK_SLIDERS, *(computing if self.metered.told else ()))
