@@ -18,6 +18,7 @@ from jouleswarm.common.scenario.documents import parse_json, parse_toml
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.environments import LANDMARKS, factory_of, own_model
 from jouleswarm.common.scenario.fitting import misfits
+from jouleswarm.common.scenario.kept import as_kept
 from jouleswarm.common.scenario.mistakes import did_you_mean, one_line, short
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Interface
@@ -68,7 +69,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
         raise ConfigurationError(f"scenario {path}: not {expected}: {error}") from error
     if not isinstance(data, dict):
         raise ConfigurationError(f"scenario {path}: not a run's manifest: its scenario is {short(data)}")
-    return data, interface
+    return as_kept(data) if path.suffix == ".json" else data, interface
 
 
 def scenario_path(path: str | Path) -> Path:

@@ -15,6 +15,7 @@ from jouleswarm.common.errors import ConfigurationError, RunError
 from jouleswarm.common.meter.joules import JoulesRow
 from jouleswarm.common.meter.meter import MeterRow, read_joules, read_rows, read_work
 from jouleswarm.common.meter.work import WorkRow
+from jouleswarm.common.scenario.kept import as_kept
 from jouleswarm.common.scenario.reading import Override, scenario_from
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
@@ -213,7 +214,8 @@ def _kept_joules(path: Path) -> list[JoulesRow]:
 
 def _scenario(manifest: dict[str, Any], file: Path) -> Scenario:
     try:
-        scenario = scenario_from(manifest["scenario"], str(file), file.parent / DOORS, manifest.get("interface"))
+        kept, interface = as_kept(manifest["scenario"]), manifest.get("interface")
+        scenario = scenario_from(kept, str(file), file.parent / DOORS, interface)
     except ConfigurationError as error:
         raise RunError(f"{file}: damaged: {error}") from error
     if scenario.digests != manifest.get("doors", {}):

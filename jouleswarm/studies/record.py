@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from jouleswarm.common.doors import DOORS
 from jouleswarm.common.errors import ConfigurationError, StudyError
+from jouleswarm.common.scenario.kept import as_kept
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.studies.files import write_atomically
@@ -30,6 +32,11 @@ class Record(BaseModel):
     """What was varied -> its value -> the variant of facts.csv that has it; a figure each."""
     values: dict[str, dict[int, float]] = Field(default_factory=dict)
     """Variant -> seed -> what was computed of its scenario before it ran (similarity, say)."""
+
+    @field_validator("scenario", mode="before")
+    @classmethod
+    def _of_its_time(cls, scenario: Any) -> Any:
+        return as_kept(scenario) if isinstance(scenario, dict) else scenario
 
     @property
     def lists(self) -> tuple[PriceList, ...]:

@@ -31,7 +31,9 @@ def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario
         "world": {"rows": 4, "cols": 3, "max_motions": 10},
         "camera": {"width": 16, "height": 12},
         "network": {"width": 8, "height": 6, "conv": [], "dense": []},
-        "learning": {"motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, **learning},
+        "learning": {
+            "motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, "collect": "own", "starts": "area", **learning
+        },
         "methods": ["fl"],
         "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0, "starts": learning.get("starts", "area")},
         "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X .", "rewards": rewards}],

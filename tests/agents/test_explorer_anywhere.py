@@ -25,7 +25,9 @@ def scenario(world: str, end: int = 4, **learning: Any) -> Scenario:
     data = {
         "name": "t", "seed": 3, "methods": ["fl"], "environment": f"tests.worlds:{world}",
         "network": {"dense": [], "conv": [], "width": 3, "height": 2},
-        "learning": {"motions_per_round": 3, "epsilon": 0.0, "replay_size": 50, **learning},
+        "learning": {
+            "motions_per_round": 3, "epsilon": 0.0, "replay_size": 50, "collect": "own", "starts": "area", **learning
+        },
         "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0},
         "tasks": [{"id": 1, "kwargs": {"end": end}}],
     }  # fmt: skip
