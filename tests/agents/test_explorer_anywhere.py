@@ -145,3 +145,12 @@ def test_pictures_are_kept_at_the_networks_size_and_sent_as_they_are() -> None:
     learner = always(GO, settings)
     begun(settings).collect(learner, 3)
     assert learner.replay.sample(1, np.random.default_rng(0)).frames.shape == (1, 2, 3, 3)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_by_the_guide_robots_move_as_it_says_and_where_there_is_none_by_their_own_policy(world: str) -> None:
+    settings = scenario(world, end=100, starts="entry", collect="guide")
+    robot = always(1 - GO, settings)
+    begun(settings).collect(robot, 3)
+    followed = GO if world in ("Known", "Looking") else 1 - GO
+    assert set(robot.replay.sample(50, np.random.default_rng(0)).actions.tolist()) == {followed}
