@@ -37,6 +37,8 @@ CASES = {
     "maml": ("methods=['maml']", "meta.adapt_from=[1]"),
     "topk": ("methods=['multitask','fl','fedavg']", "federation.codec='topk'"),
 }
+THEN = ('learning.collect="own"', 'learning.starts="area"', "meta.epsilon=0.6", 'meta.starts="anywhere"')
+"""Defaults of the old commit that are others by now, and a field that it does not know."""
 # Those of the old commit but `seconds` and `refused`, which depend on the clock and on what came twice.
 COLUMNS = (
     "phase", "arm", "task", "agent", "round", "reward", "cluster_reward", "rmse_m", "gradients", "gradients_support",
@@ -60,9 +62,9 @@ def weights_hash(models: Mapping[tuple[str, str, int], bytes]) -> str:
     return told.hexdigest()
 
 
-def hashes(simulation: Any, reading: Any, scenario: str, case: str) -> dict[str, str]:
-    """What one case comes to; the modules are those of a tree."""
-    outcome = simulation.run_in_memory(reading.load_scenario(scenario, [*SHORT, *CASES[case]]))
+def hashes(simulation: Any, reading: Any, scenario: str, case: str, more: Iterable[str] = ()) -> dict[str, str]:
+    """What one case comes to, with `more` settings; the modules are those of a tree."""
+    outcome = simulation.run_in_memory(reading.load_scenario(scenario, [*SHORT, *CASES[case], *more]))
     models = {("learned", *key): payload for key, payload in outcome.learned.items()}
     models |= {("snapshot", *key): payload for key, payload in outcome.snapshots.items()}
     # Round 0 is newer than the old commit; that it changes no later round is what is held here.

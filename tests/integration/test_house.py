@@ -13,7 +13,7 @@ import pytest
 import jouleswarm.common.scenario.reading as reading
 from jouleswarm import simulation
 from jouleswarm.common.host import arithmetic
-from tests.integration.house_hashes import CASES, KEPT, OLD, Hashes, hashes, hashes_of_the_old_commit
+from tests.integration.house_hashes import CASES, KEPT, OLD, THEN, Hashes, hashes, hashes_of_the_old_commit
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 
@@ -30,7 +30,7 @@ def old() -> Hashes:
 
 @pytest.mark.parametrize("case", CASES)
 def test_rounds_and_weights_of_the_toy_are_those_before_the_move(case: str, old: Hashes) -> None:
-    assert hashes(simulation, reading, str(TOY), case) == old[case]
+    assert hashes(simulation, reading, str(TOY), case, THEN) == old[case]
 
 
 def test_what_is_kept_has_every_case_and_tells_them_apart() -> None:
