@@ -52,8 +52,8 @@ def test_a_walk_down_the_path_terminates_at_the_exit(small: Scenario) -> None:
     env = LandmarksEnv(scenario=small, task=2)
     env.reset(seed=0)
     steps = [env.step(action) for action in (*[FORWARD] * 5, LEFT, FORWARD, FORWARD)]
-    # L = 8: -0.5 - 2.5 (1 - i/8) on arrival at i = 1..7, then the exit
-    assert [reward for _, reward, *_ in steps] == [-2.6875, -2.375, -2.0625, -1.75, -1.4375, -1.125, -0.8125, 80]
+    # L = 8: -0.5 - 3.5 (1 - i/8) on arrival at i = 1..7, then the exit
+    assert [reward for _, reward, *_ in steps] == [-3.5625, -3.125, -2.6875, -2.25, -1.8125, -1.375, -0.9375, 80]
     assert [(terminated, truncated) for _, _, terminated, truncated, _ in steps] == [(False, False)] * 7 + [
         (True, False)
     ]
@@ -65,7 +65,7 @@ def test_an_episode_is_truncated_after_20_motions(small: Scenario) -> None:
     for _ in range(2):  # the count starts anew
         env.reset(seed=0)
         ends = [env.step(BACKWARD)[1:4] for _ in range(20)]
-        assert ends == [(-3.0, False, False)] * 19 + [(-3.0, False, True)]
+        assert ends == [(-4.0, False, False)] * 19 + [(-4.0, False, True)]
 
 
 def test_the_exit_reached_by_the_last_motion_is_no_truncation() -> None:

@@ -65,10 +65,10 @@ def test_a_motion_off_the_edge_stays(cell: tuple[int, int], action: int) -> None
 
 
 def test_reward_table_of_a_small_map() -> None:
-    # Path of L = 4 motions: -0.5 - 2.5 (1 - i/4) = -3, -2.375, -1.75, -1.125, then the exit (as path: -0.5).
-    # (0,1) is 1 off (0,0): -3 - 1.5. (0,2) is 2 off (0,0) and 2 off (2,2): the better, -0.5 - 3.
-    # (1,2) is 1 off (2,2): -0.5 - 1.5.
-    expected = [[-3, -4.5, -3.5], [-2.375, -80, -2], [-1.75, -1.125, 80]]
+    # Path of L = 4 motions: -0.5 - 3.5 (1 - i/4) = -4, -3.125, -2.25, -1.375, then the exit (as path: -0.5).
+    # (0,1) is 1 off (0,0): -4 - 5.5. (0,2) is 2 off (0,0) and 2 off (2,2): the better, -0.5 - 11.
+    # (1,2) is 1 off (2,2): -0.5 - 5.5.
+    expected = [[-4, -9.5, -11.5], [-3.125, -80, -6], [-2.25, -1.375, 80]]
     table = reward_table(SMALL, WORLD)
     assert table.dtype == np.float32
     assert table.tolist() == expected
@@ -84,17 +84,18 @@ def test_explicit_rewards_are_taken_row_by_row() -> None:
 
 
 def test_action_values_of_a_small_map() -> None:
-    # nu = 1. From the entry: F, down the path: -2.375 - 1.75 - 1.125 + 80 = 74.75. B and L stay: -3 + 74.75.
-    # R: -4.5, then on over the top right, -3.5 - 2 + 80, is 70 (back and down the path: -4.5 - 3 + 74.75 = 67.25).
+    # nu = 1. From the entry: F, down the path: -3.125 - 2.25 - 1.375 + 80 = 73.25. B and L stay: -4 + 73.25.
+    # R: -9.5, then back and down the path, -4 + 73.25, is 59.75 (on over the top right: -9.5 - 11.5 - 6 + 80 = 53).
     values = action_values(reward_table(SMALL, WORLD), SMALL, discount=1.0)
-    np.testing.assert_allclose(values[:, 0, 0], [74.75, 71.75, 71.75, 70.0], atol=1e-6)
+    np.testing.assert_allclose(values[:, 0, 0], [73.25, 69.25, 69.25, 59.75], atol=1e-6)
     assert values[:, 2, 2].tolist() == [0, 0, 0, 0]
 
 
 def test_policy_of_a_small_map() -> None:
-    # On the obstacle (1,1): F, then R is -1.125 + 80; R, then F is -2 + 80.
+    # On the obstacle (1,1): F, then R is -1.375 + 80; R, then F is -6 + 80. From (0,1) back to the path: L is
+    # -4 + 73.25; R is -11.5 - 6 + 80.
     policy = table_policy(reward_table(SMALL, WORLD), SMALL, discount=1.0)
-    expected = [[FORWARD, RIGHT, FORWARD], [FORWARD, FORWARD, FORWARD], [RIGHT, RIGHT]]
+    expected = [[FORWARD, LEFT, FORWARD], [FORWARD, FORWARD, FORWARD], [RIGHT, RIGHT]]
     assert [row.tolist() for row in policy[:2]] == expected[:2]
     assert policy[2, :2].tolist() == expected[2]
 
@@ -112,10 +113,10 @@ def test_values_end_where_loitering_without_discount_is_best() -> None:
 
 
 def test_best_return_of_the_straight_task(paper: Scenario) -> None:
-    # Task 3 goes straight on for 7 motions: arriving at i = 1..6 is worth -3 + 2.5 i / 7, the exit 80. nu = 0.99:
-    # - 2.642857 - 2.262857 - 1.890193 - 1.524756 - 1.166438 - 0.815134 + 80 x 0.941480 = 65.0162
+    # Task 3 goes straight on for 7 motions: arriving at i = 1..6 is worth -4 + 3.5 i / 7, the exit 80. nu = 0.99:
+    # - 3.5 - 2.97 - 2.45025 - 1.940598 - 1.440894 - 0.950990 + 80 x 0.941480 = 62.0657
     values = action_values(task_table(paper, 3), map_of(paper, 3), 0.99)
-    assert values[:, 0, 2].max() == pytest.approx(65.0162, abs=1e-4)
+    assert values[:, 0, 2].max() == pytest.approx(62.0657, abs=1e-4)
 
 
 @pytest.mark.parametrize("task", range(1, 7))

@@ -27,9 +27,9 @@ class World(Section):
     cell_m: Metres = Field(1.0, description="distance between landmarks, metres")
     exit_reward: RewardSetting = Field(80.0, description="at the exit, which ends the episode")
     path_reward: RewardSetting = Field(-0.5, description="reward on the path next to the exit")
-    path_slope: float = Field(2.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
+    path_slope: float = Field(3.5, ge=0, le=1e6, description="how much lower the reward is at the path's beginning")
     off_path_reward: RewardSetting = Field(
-        -1.5, description="added for each motion away from the nearest path landmark"
+        -5.5, description="added for each motion away from the nearest path landmark"
     )
     obstacle_reward: RewardSetting = Field(-80.0, description="at an obstacle, which ends nothing")
     max_motions: int = Field(20, ge=1, le=100_000, description="an episode is truncated after this many motions")
