@@ -62,6 +62,7 @@ def said(run: Run, energy: Energy, found: Answer, before: Answer | None = None) 
     lines = [("note", scenario.note)] if scenario.note else []
     lines += [("compared", each) for each in _compared(scenario)]
     lines.append(("learned", _learned(found, names)))
+    lines += [("path error", each) for each in _path_errors(found, names)]
     lines += [("why", each) for each in _why(scenario, found, names)]
     lines += [("turns if", each) for each in _turns(found, energy, names)]
     lines += [("prices", each) for each in _other_prices(run, energy, found)]
@@ -171,6 +172,17 @@ def _learned(found: Answer, names: Mapping[str, str]) -> str:
         told.append(f"{names[arm]} {tasks}in {spent.rounds:g} rounds{shot}{after}")
     start = f"all {_tasks(arms[0][1].tasks)} by {'both' if len(arms) == 2 else 'all'}: " if everybody else ""
     return start + "; ".join(told)
+
+
+def _path_errors(found: Answer, names: Mapping[str, str]) -> Iterator[str]:
+    """What R does not tell: how far off their paths robots are at the end."""
+    known = [(each.arm, each.rmse_m, each.worst_rmse_m) for each in found.arms.values()]
+    told = [(names[arm], mean, worst) for arm, mean, worst in known if mean is not None and worst is not None]
+    if len(told) > _MOST_ARMS:
+        yield f"RMSE at the end at most {max(worst for _, _, worst in told):.2f} m, of the worst task of all arms"
+    elif told:
+        each = [f"{name} {mean:.2f} m (worst task {worst:.2f} m)" for name, mean, worst in told]
+        yield f"RMSE at the end: {'; '.join(each)}"
 
 
 def _tasks(count: int) -> str:

@@ -17,7 +17,7 @@ from jouleswarm.report.times import battery_tables, seconds_tables
 from jouleswarm.report.why import breakeven_tables, uncertain_tables
 from jouleswarm.runs.arm_facts import control_facts
 from jouleswarm.runs.columns import NOT_DEFINED, Column, bills, columns, telling_lists
-from jouleswarm.runs.facts import zero_shot_share
+from jouleswarm.runs.facts import path_error, zero_shot_share
 from jouleswarm.runs.lost_work import lost_motions
 from jouleswarm.runs.run import Run
 from jouleswarm.runs.traffic import traffic
@@ -68,8 +68,10 @@ def rewards_table(run: Run) -> Table:
         errors = [f"/{number_text(each.rmse_m, 2)}" if has_path else "" for each in found]
         cells = [number_text(each.reward) + error for each, error in zip(found, errors, strict=True)]
         missed = [f"{each.task}: {each.missed_exits} of {each.episodes}" for each in found if each.missed_exits]
-        rows.append([name, *cells, *([", ".join(missed) or "none"] if has_exit else [])])
-    headings = ["arm", *(f"task {task}" for task in run.scenario.clusters), *["missed exits"] * has_exit]
+        off = "/".join(number_text(each, 2) for each in path_error(found) or (None, None))
+        rows.append([name, *cells, *[off] * has_path, *([", ".join(missed) or "none"] if has_exit else [])])
+    headings = ["arm", *(f"task {task}" for task in run.scenario.clusters)]
+    headings += [*["RMSE, mean/worst task"] * has_path, *["missed exits"] * has_exit]
     return Table("At the end: running reward R" + "/path error (RMSE in m)" * has_path, headings, rows)
 
 

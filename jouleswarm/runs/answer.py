@@ -17,7 +17,7 @@ from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, is_whole, price, with_beta
 from jouleswarm.energy.why import total_of, turning
 from jouleswarm.methods.consensus import BASELINE
-from jouleswarm.runs.facts import TaskResult, zero_shot_share
+from jouleswarm.runs.facts import TaskResult, path_error, zero_shot_share
 
 TURNING = ("ul_bit_per_j", "sl_bit_per_j")
 """Constants whose other values are looked for at which two arms cost the same."""
@@ -42,6 +42,10 @@ class Spent:
     """By the keys of `energy.bill.CAUSES`; all None where the list does not tell."""
     carbon_g: float | None = None
     """Grams of CO2 equivalent; None where an intensity is not known."""
+    rmse_m: float | None = None
+    """Path error at the end, the mean of all tasks; None where there is no path."""
+    worst_rmse_m: float | None = None
+    """That of the worst task."""
 
     @property
     def has_learned(self) -> bool:
@@ -153,6 +157,7 @@ def _spent(facts: Facts, results: Sequence[TaskResult], energy: Energy, prices: 
     bill = price(prices, facts, energy)
     known = bill is not None and is_whole(prices, facts)
     causes = cause_parts(bill.both if bill else None, facts.metered)
+    rmse_m, worst_rmse_m = path_error(results) or (None, None)
     return Spent(
         arm=facts.arm,
         t0=round(facts.t0),
@@ -163,6 +168,8 @@ def _spent(facts: Facts, results: Sequence[TaskResult], energy: Energy, prices: 
         total_j=bill.total_j if bill and known else None,
         by_cause_j={cause.key: joules for cause, joules in causes.items()},
         carbon_g=carbon(bill, at_sites(energy, facts)).total_g if bill and known and has_carbon(energy) else None,
+        rmse_m=rmse_m,
+        worst_rmse_m=worst_rmse_m,
     )
 
 

@@ -129,6 +129,15 @@ def zero_shot_share(results: Sequence[TaskResult]) -> float:
     return fmean(result.learned and not result.rounds for result in results)
 
 
+def path_error(results: Sequence[TaskResult]) -> tuple[float, float] | None:
+    """RMSE in metres at the end of an arm's tasks: their mean, and that of the worst task.
+
+    Of each task it is the mean over its robots, as `TaskResult.rmse_m`. None where no task has a path.
+    """
+    errors_m = [result.rmse_m for result in results if result.rmse_m is not None]
+    return (fmean(errors_m), max(errors_m)) if errors_m else None
+
+
 def gradient_counts(rows: Iterable[RoundRow]) -> Counts:
     """Batch gradients by where they were computed."""
     rows = list(rows)

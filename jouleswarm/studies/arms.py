@@ -77,6 +77,24 @@ def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[i
     return failures(held), len(held)
 
 
+class PathError(NamedTuple):
+    """RMSE at the stop in metres, of each task the mean over its robots."""
+
+    mean_m: float
+    worst_m: float
+
+
+def path_error(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[int] | None = None) -> PathError | None:
+    """How far off the path an arm was when it stopped, over `tasks` (default: all) and seeds, not learned ones too.
+
+    None where no fact tells: environments without a path.
+    """
+    wanted = None if tasks is None else set(tasks)
+    held = [fact for fact in task_stages(facts) if (fact.variant, fact.arm) == (variant, arm)]
+    errors_m = [fact.rmse_m for fact in held if fact.rmse_m is not None and (wanted is None or fact.task in wanted)]
+    return PathError(fmean(errors_m), max(errors_m)) if errors_m else None
+
+
 def zero_shot_share(facts: Iterable[Fact]) -> float | None:
     """Share of tasks that were learned before their first round; None where robots did not try before it, as in facts
     from before evaluation's motions were noted."""

@@ -1,4 +1,4 @@
-"""What R at the target says of the path walked: each loop-free path from entry to exit is looked at, none is sampled."""
+"""What R at the target says of the path walked: every loop-free path from entry to exit is looked at."""
 
 from __future__ import annotations
 

@@ -22,6 +22,7 @@ from jouleswarm.report.everyday import everyday
 from jouleswarm.report.pages import part
 from jouleswarm.report.report import report
 from jouleswarm.report.screen import commands, panel
+from jouleswarm.report.tables import rewards_table
 from jouleswarm.runs.answer import answer_of
 from jouleswarm.runs.directory import STATE, SUMMARY
 from jouleswarm.runs.run import load_run
@@ -64,6 +65,29 @@ def test_the_cause_is_told_with_its_share_and_the_rounds_with_their_arms(learned
     assert lines["learned"] == (
         "all 2 tasks by both: MAML in 10 rounds after 3 in the data center; FL, no transfer in 30 rounds"
     )
+
+
+def test_path_errors_are_told_beside_what_was_learned(write_run, facts) -> None:
+    # a task's two robots are 1 and 1.5 m off, 1.25 m in the mean; those of task 2 without transfer 3 m each
+    far = [(row.arm, row.task) == ("fl", 2) for row in facts.rows]
+    moved = zip(facts.rows, far, strict=True)
+    facts.rows[:] = [row.model_copy(update={"rmse_m": 3.0}) if is_far else row for row, is_far in moved]
+    path = write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
+    assert words(path)[1]["path error"] == (
+        "RMSE at the end: MAML 1.25 m (worst task 1.25 m); FL, no transfer 2.12 m (worst task 3.00 m)"
+    )
+    arms = json.loads((path / SUMMARY).read_text())["answer"]["arms"]
+    assert (arms["fl"]["rmse_m"], arms["fl"]["worst_rmse_m"]) == (2.125, 3.0)  # (1.25 + 3) / 2
+    table = rewards_table(load_run(path))
+    assert [row[-1] for row in table.rows] == ["1.25/1.25", "2.12/3.00"]
+    assert table.headings[-1] == "RMSE, mean/worst task"
+
+
+def test_where_there_is_no_path_there_is_no_path_error(write_run, facts) -> None:
+    facts.rows[:] = [row.model_copy(update={"rmse_m": None}) for row in facts.rows]
+    path = write_run(summarise(facts.scenario, facts.rows, facts.meter_rows))
+    assert "path error" not in words(path)[1]
+    assert rewards_table(load_run(path)).headings == ["arm", "task 1", "task 2"]
 
 
 def test_a_tiny_uplink_makes_frames_the_largest_cause(learned) -> None:

@@ -24,7 +24,7 @@ from jouleswarm.common.wire import topics
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.energy.repricing import Prices
 from jouleswarm.methods.shipped import all_shipped
-from jouleswarm.report.answer import answer
+from jouleswarm.report.answer import answer, said
 from jouleswarm.report.bars import energy_figure, rounds_figure
 from jouleswarm.report.curves import rewards_figure
 from jouleswarm.report.notes import headline, notes
@@ -113,6 +113,12 @@ def test_rounds_have_a_row_an_arm_with_its_own_t0(run: Run) -> None:
     assert found["FL, no transfer"][0] == "0"
     assert found["centralized"][6] == "12 ×"
     assert found["isolated robots"][1:7] == ["2 ×", "4 ×", "6 ×", "8 ×", "10 ×", "12 ×"]
+
+
+def test_of_many_arms_the_worst_path_error_is_told(run: Run) -> None:
+    energy = run.scenario.energy
+    lines = dict(said(run, energy, answer(run, energy)).lines)
+    assert lines["path error"] == "RMSE at the end at most 0.50 m, of the worst task of all arms"
 
 
 def test_causes_of_an_arm_from_an_earlier_meta_model(run: Run) -> None:
