@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from jouleswarm.common.scenario.bounds import (
     TOPOLOGIES,
@@ -189,6 +189,11 @@ class Meta(Section):
     heads: Literal["per_task", "shared"] = Field(
         "per_task", description="a last layer for each training task (others start from their mean), or one for all"
     )
+    rehearse_unseen: bool = Field(
+        False,
+        description="with heads per_task: every second meta-update takes each training task as if it were unseen, from "
+        "the mean of the other tasks' heads",
+    )
     support_batches: Batches = Field(10, description="B^(a): batches of the inner loop a task and round")
     query_batches: Batches = Field(10, description="B^(b): batches of the meta-updates a task and round")
     inner_steps: Batches = Field(
@@ -197,6 +202,13 @@ class Meta(Section):
     support_newest: Frames = Field(5000, description="support batches are drawn from so many newest motions")
     batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     inner_lr: LearningRate = Field(0.03, description="mu; gradients are clipped to learning.grad_clip before")
+    inner_lr_step: float = Field(
+        0.0,
+        ge=0,
+        le=1e3,
+        description="step size of Adam on log mu: above 0 maml, fomaml and anil learn mu of each layer from inner_lr "
+        "on (Meta-SGD), in the data center alone; 0: it stays inner_lr",
+    )
     meta_lr: LearningRate = Field(1e-3, description="eta, of Adam")
     target_polyak: Share = Field(0.1, description="per-task target network tracking, each meta-update")
     epsilon: Fraction | None = Field(
@@ -216,6 +228,15 @@ class Meta(Section):
     )
 
     _each_once = field_validator("training_tasks", "snapshots", "adapt_from")(each_once)
+
+    @model_validator(mode="after")
+    def _has_other_heads(self) -> Self:
+        if self.rehearse_unseen and (self.heads == "shared" or len(self.training_tasks) < 2):
+            raise ValueError(
+                f"rehearse_unseen with heads {self.heads} and training_tasks {list(self.training_tasks)}: there is no "
+                'mean of other heads; expected heads = "per_task" and two training tasks or more'
+            )
+        return self
 
 
 class Bus(Section):

@@ -114,6 +114,25 @@ def savazzi2021(
     _list(make_study(facts, set_ or [], results))
 
 
+@study.command()
+def write(
+    pages: Annotated[
+        list[Path] | None, typer.Argument(help="Pages of Markdown. Default: those here and in docs/ that name numbers.")
+    ] = None,
+    results: Annotated[Path, typer.Option(help="Folder of the studies' results folders.")] = Path("results"),
+    check: Annotated[bool, typer.Option("--check", help="Write nothing; say the first line that differs.")] = False,
+) -> None:
+    """Write numbers of committed results into pages, by the expressions that name them (CONTRIBUTING.md)."""
+    from jouleswarm.studies import written
+    from jouleswarm.studies.lookup import Results
+
+    found, of = pages or written.pages_in(Path()), Results(results)
+    if check:
+        written.check(found, of)
+    else:
+        _list(written.write(found, of))
+
+
 def _command(name: StudyName) -> Callable[..., None]:
     def command(
         profile: ProfileOption = Profile.COMPACT,

@@ -1,4 +1,8 @@
-"""MAML, eqs. (3)-(5), and its relatives as pure functions on dictionaries of parameters."""
+"""MAML, eqs. (3)-(5), and its relatives as pure functions on dictionaries of parameters.
+
+The inner step size mu is one number, or one that is learned for each layer (Meta-SGD, Li et al. 2017, there one for
+each weight). What is learned is log mu, so that mu stays above 0.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
 Params = dict[str, Tensor]
+Rate = float | Params
+"""mu; or log mu of each layer, float32 without dimensions, by `rate_key`."""
 S = TypeVar("S")
 """What one loss is of: a batch, or one of each of a task's robots."""
 
@@ -59,21 +65,28 @@ def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool
     return loss
 
 
+def rate_key(name: str) -> str:
+    """What log mu of a parameter's layer is called; weight and bias of a layer have one."""
+    return f"log_mu/{name.rpartition('.')[0]}"
+
+
 def adapt(
     params: Params,
     support: Sequence[S],
     loss: Loss[S],
-    inner_lr: float,
+    inner_lr: Rate,
     clip: float = math.inf,
     inner: Collection[str] | None = None,
     *,
     differentiable: bool = True,
 ) -> Params:
-    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params` if asked.
+    """Task adaptation phi of eq. (3): one SGD step of size mu a support batch. Differentiable in `params`, and in log
+    mu where that is learned, if asked.
 
     Gradients longer than `clip` (2-norm over all parameters that adapt) are shortened to it, as the robots' are.
     `inner` names the parameters that adapt, all by default; the others stay (ANIL: the last layer only).
     """
+    mu = {name: _step_size(inner_lr, name) for name in (inner or params)}
     for batch in support:
         fixed, moving = params, {name: params[name] for name in (inner or params)}
 
@@ -82,8 +95,12 @@ def adapt(
 
         found = grad(partial_loss)(moving) if differentiable else plain_gradient(partial_loss, moving)
         gradient = clipped(found, clip)
-        params = {**fixed, **{name: value - inner_lr * gradient[name] for name, value in moving.items()}}
+        params = {**fixed, **{name: value - mu[name] * gradient[name] for name, value in moving.items()}}
     return params
+
+
+def _step_size(inner_lr: Rate, name: str) -> float | Tensor:
+    return inner_lr[rate_key(name)].exp() if isinstance(inner_lr, dict) else inner_lr
 
 
 def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
@@ -114,7 +131,7 @@ def meta_gradient(
     support: Sequence[S],
     query: Sequence[S],
     loss: Loss[S],
-    inner_lr: float,
+    inner_lr: Rate,
     *,
     exact: bool,
     clip: float = math.inf,
@@ -123,18 +140,32 @@ def meta_gradient(
     """One task's gradient of eq. (4), and the adapted parameters phi.
 
     `exact` differentiates through the adaptation (eq. (5): Jacobian times gradient); otherwise the Jacobian is
-    taken as the identity and the gradient is the one at phi.
+    taken as the identity and the gradient is the one at phi. Where mu is learned the gradient of each log mu is there
+    too, under its key: exact, or with the inner gradients taken as constants.
     """
     if not exact:
         adapted = adapt(params, support, loss, inner_lr, clip, inner, differentiable=False)
-        return plain_gradient(lambda at: query_loss(at, query, loss), adapted), adapted
+        gradient = plain_gradient(lambda at: query_loss(at, query, loss), adapted)
+        rates = _first_order_of_rates(inner_lr, gradient, params, adapted) if isinstance(inner_lr, dict) else {}
+        return gradient | rates, adapted
 
-    def through(start: Params) -> tuple[Tensor, Params]:
-        adapted = adapt(start, support, loss, inner_lr, clip, inner)
+    def through(start: Params, rate: Rate) -> tuple[Tensor, Params]:
+        adapted = adapt(start, support, loss, rate, clip, inner)
         return query_loss(adapted, query, loss), adapted
 
-    gradient, adapted = grad(through, has_aux=True)(params)
-    return gradient, _detached(adapted)
+    if not isinstance(inner_lr, dict):
+        gradient, adapted = grad(through, has_aux=True)(params, inner_lr)
+        return gradient, _detached(adapted)
+    (gradient, of_rates), adapted = grad(through, argnums=(0, 1), has_aux=True)(params, inner_lr)
+    return gradient | of_rates, _detached(adapted)
+
+
+def _first_order_of_rates(rates: Params, gradient: Params, params: Params, adapted: Params) -> Params:
+    """d/d log mu = -mu <g_query, sum of g_support> of a layer, which is <g_query, phi - W>."""
+    found = {key: torch.zeros_like(value) for key, value in rates.items()}
+    for name, value in gradient.items():
+        found[rate_key(name)] += (value * (adapted[name] - params[name])).sum()
+    return found
 
 
 def reptile_gradient(

@@ -17,7 +17,7 @@ class Anil(MetaMethod):
     """Gradient through gradient, of the last layer's adaptation."""
 
     name, label, colour = "anil", "ANIL", "#F0E442"
-    exact = True
+    exact, learns_rates = True, True
 
     def inner(self, model: nn.Sequential) -> tuple[str, ...]:
         """The last layer."""

@@ -17,7 +17,7 @@ class Maml(MetaMethod):
     """Gradient through gradient, eq. (5)."""
 
     name, label, colour = "maml", "MAML", "#E69F00"
-    exact, in_paper = True, True
+    exact, in_paper, learns_rates = True, True, True
 
     def gradient(self, task: Rehearsal) -> tuple[Params, Params]:
         """The query loss's gradient of eq. (4), and phi of eq. (3)."""

@@ -27,6 +27,8 @@ class MetaMethod(Consensus):
 
     plain: bool = False
     """Whether all of its gradients are plain ones, B^(b) as B^(a)."""
+    learns_rates: bool = False
+    """Whether it can learn mu of each layer: `gradient` is given log mu then and returns its gradient too."""
 
     def stage(self, scenario: Scenario) -> Stage:
         """The meta-learner; loads PyTorch."""

@@ -36,11 +36,16 @@ class MetaStage:
         self._scenario, self._settings, self._method = scenario, scenario.meta, method
         self._device = compute_device()
         self._model = build_qnetwork(scenario, integer(scenario.seed, "initial meta-model")).to(self._device)
-        self.meta_model = MetaModel(self._model, method.heads(scenario))
-        self._leaves = dict(self.meta_model.named())
+        learns_rates = method.learns_rates and self._settings.inner_lr_step > 0
+        mu = self._settings.inner_lr if learns_rates else None
+        self.meta_model = MetaModel(self._model, method.heads(scenario), mu)
         if (saved := saved_start(scenario)) is not None:
             self._begin_from(saved)
-        self._optimizer = torch.optim.Adam(self._leaves.values(), lr=self._settings.meta_lr, fused=True)
+        leaves, rates = dict(self.meta_model.named()), self.meta_model.rates
+        self._leaves = leaves | rates
+        self._optimizer = torch.optim.Adam(leaves.values(), lr=self._settings.meta_lr, fused=True)
+        if rates:
+            self._optimizer.add_param_group({"params": list(rates.values()), "lr": self._settings.inner_lr_step})
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()}
             for task in self._settings.training_tasks
@@ -48,7 +53,7 @@ class MetaStage:
 
     def _begin_from(self, saved: Weights) -> None:
         """A model of an earlier run; a head that it does not have begins as the network's own last layer."""
-        for name, leaf in self._leaves.items():
+        for name, leaf in self.meta_model.named():
             with torch.no_grad():
                 leaf.copy_(torch.from_numpy(saved[name if name in saved else name.partition("/")[2]]))
 
@@ -67,14 +72,18 @@ class MetaStage:
         updates = {
             task: method.updates(self._draw(task, round_, held), settings.inner_steps) for task, held in replays.items()
         }
-        for update in zip(*updates.values(), strict=True):
+        a_round = len(next(iter(updates.values())))
+        for index, update in enumerate(zip(*updates.values(), strict=True)):
+            unseen = settings.rehearse_unseen and ((round_ - 1) * a_round + index) % 2 == 1
             self.meta_model.zero_gradients()
             for task, samples in zip(updates, update, strict=True):
-                gradient, adapted = method.gradient(self._rehearsal(task, samples))
+                gradient, adapted = method.gradient(self._rehearsal(task, samples, unseen=unseen))
                 done = self._counts(robots[task] * len(samples.support), robots[task] * len(samples.query))
                 self.tally(task).gradients(done.support, done.query)
-                self.meta_model.add_gradient(task, gradient, 1 / len(updates))
-                torch._foreach_lerp_(list(self._targets[task].values()), list(adapted.values()), settings.target_polyak)
+                self.meta_model.add_gradient(task, gradient, 1 / len(updates), unseen=unseen)
+                if not unseen:  # targets tell what the task's own head knows
+                    target = list(self._targets[task].values())
+                    torch._foreach_lerp_(target, list(adapted.values()), settings.target_polyak)
             self._update(round_)
         return {
             task: self._counts(count * settings.support_batches, count * settings.query_batches)
@@ -117,15 +126,16 @@ class MetaStage:
         """Batches as gradients: Reptile's and joint training's are all of one kind."""
         return Gradients(support + query) if self._method.plain else Gradients(support, query)
 
-    def _rehearsal(self, task: int, samples: Samples) -> Rehearsal:
+    def _rehearsal(self, task: int, samples: Samples, *, unseen: bool) -> Rehearsal:
         learning = self._scenario.learning
         of_batch = make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
 
         def loss(params: Params, sample: tuple[TensorBatch, ...]) -> Tensor:
             return functools.reduce(operator.add, (of_batch(params, batch) for batch in sample))
 
-        params, inner = self.meta_model.params(task), self._method.inner(self._model)
-        return Rehearsal(params, samples, loss, self._settings.inner_lr, learning.grad_clip, inner)
+        params, inner = self.meta_model.params(task, unseen=unseen), self._method.inner(self._model)
+        rates = {key: log_mu.detach() for key, log_mu in self.meta_model.rates.items()}
+        return Rehearsal(params, samples, loss, rates or self._settings.inner_lr, learning.grad_clip, inner)
 
     def _draw(self, task: int, round_: int, replays: Mapping[int, Replay]) -> Samples:
         settings = self._settings

@@ -11,7 +11,7 @@ from jouleswarm.common.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from jouleswarm.learning.meta import TensorBatch
+    from jouleswarm.learning.meta import Rate, TensorBatch
 
     Params = dict[str, Tensor]
     Sample = tuple[TensorBatch, ...]
@@ -35,7 +35,8 @@ class Rehearsal:
     samples: Samples
     loss: Loss
     """Of a sample: sum over the task's robots k of L_k, eq. (1)."""
-    inner_lr: float
+    inner_lr: Rate
+    """mu; log mu of each layer where the method learns it and the scenario has it so."""
     clip: float
     """Gradients longer than this are shortened to it, the sum over robots as one."""
     inner: tuple[str, ...] | None = None
@@ -47,6 +48,7 @@ class MetaRule(Protocol):
 
     plain: bool
     exact: bool
+    learns_rates: bool
 
     def heads(self, scenario: Scenario) -> tuple[int, ...]:
         """Tasks with a last layer of their own."""

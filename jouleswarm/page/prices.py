@@ -1,48 +1,16 @@
-"""The sliders: each a constant of the energy model, from a tenth to ten times the run's own, or an intensity."""
+"""Where the sliders stand, and what the run costs there."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.repricing import reprice
+from jouleswarm.report.sliders import LINK_SLIDERS, SLIDERS, Slider
 
-
-class Slider(NamedTuple):
-    """A constant that is moved. Its position is a power of ten on the run's own value, or the value itself."""
-
-    key: str
-    """Of the scenario's section energy."""
-    symbol: str
-    """As HTML."""
-    meaning: str
-    unit: str
-    per_unit: float = 1.0
-    """What a unit is in the scenario's own."""
-    is_factor: bool = True
-    follows: str = ""
-    """The key whose value it has as long as it has none of its own."""
-
-
-_UPLINK = Slider("ul_bit_per_j", "E<sub>UL</sub>", "uplink efficiency", "kb/J", 1e3)
-_SIDELINK = Slider("sl_bit_per_j", "E<sub>SL</sub>", "sidelink efficiency", "kb/J", 1e3)
-_DOWNLINK = Slider("dl_bit_per_j", "E<sub>DL</sub>", "downlink efficiency", "kb/J", 1e3, follows=_UPLINK.key)
-LINKS = (_UPLINK, _DOWNLINK, _SIDELINK)
-"""Of what was moved and nothing else."""
-SLIDERS = (
-    _UPLINK,
-    _SIDELINK,
-    Slider("p0_w", "P<sub>0</sub>", "data center power", "W"),
-    Slider("t0_batch_s", "T<sub>0</sub>", "data center time of a batch gradient", "ms", 1e-3),
-    Slider("pk_w", "P<sub>k</sub>", "robot power", "W"),
-    Slider("tk_batch_s", "T<sub>k</sub>", "robot time of a batch gradient", "ms", 1e-3),
-    Slider("datacenter_g_per_kwh", "carbon, data center", "carbon intensity of its electricity", "g/kWh", 1, False),
-    Slider("robots_g_per_kwh", "carbon, robots", "carbon intensity where they are charged", "g/kWh", 1, False),
-)
-_BY_KEY = {each.key: each for each in (*SLIDERS, *LINKS)}
+_BY_KEY = {each.key: each for each in (*SLIDERS, *LINK_SLIDERS)}
 BOUNDS, STEP = (-1.0, 1.0), 0.05
 """Of a factor's position."""
 CARBON_BOUNDS, CARBON_STEP = (0.0, 1000.0), 10.0

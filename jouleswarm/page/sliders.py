@@ -10,7 +10,7 @@ from nicegui import ui
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.page import prices
 from jouleswarm.page.elements import box, card, fill, text
-from jouleswarm.page.prices import Slider
+from jouleswarm.report.sliders import Slider
 
 
 class _Bar(ui.slider):

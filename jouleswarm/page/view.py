@@ -1,4 +1,4 @@
-"""The page in the browser: elements of NiceGUI, filled from the model. One object a browser that has it open."""
+"""A run's page in the browser: elements of NiceGUI, filled from the model."""
 
 from __future__ import annotations
 
@@ -8,62 +8,44 @@ from jouleswarm.page import prices
 from jouleswarm.page.charts import causes_chart, growth_chart, rewards_chart
 from jouleswarm.page.drawing import svg
 from jouleswarm.page.elements import box, card, fill, redraw, text
+from jouleswarm.page.frame import Frame
 from jouleswarm.page.maps import Walk, has_maps, map_svg
 from jouleswarm.page.model import ArmPriced, Shown, priced
 from jouleswarm.page.sliders import Sliders
-from jouleswarm.page.style import CSS
-from jouleswarm.page.watch import Watch
 from jouleswarm.page.words import answer_section, arm_cards, events_list, heading
+from jouleswarm.report.sliders import SLIDERS
 
-_EVERY_S = 0.25
 
+class View(Frame[Shown]):
+    """Of a run."""
 
-class View:
-    """Built empty; what is known fills it."""
+    def heading(self, shown: Shown | None) -> str:
+        return heading(self.watch.title, shown)
 
-    def __init__(self, watch: Watch[Shown]) -> None:
-        self._watch = watch
-        self._shown: Shown | None = None
-        ui.add_css(CSS)
-        ui.colors(primary="#b06f00")
-        with ui.element("main"):
-            self._heading = text(heading(watch.title, None))
-            self._trouble = text("")
-            self._answer = text("")
-            self._arms = text("")
-            self._body = ui.element("div")
-        ui.timer(_EVERY_S, self.update)
+    def top(self) -> None:
+        self._answer = text("")
+        self._arms = text("")
 
-    def update(self) -> None:
-        """Show what has come since."""
-        shown = self._watch.shown
-        fill(self._trouble, self._watch.trouble)
-        if shown is None or shown is self._shown:
-            return
-        if self._shown is None:
-            self._build(shown)
-        self._shown = shown
-        fill(self._heading, heading(self._watch.title, shown))
+    def build(self, shown: Shown) -> None:
+        with box("columns"):
+            with card("What went over the links"):
+                self._drawing = text("")
+            with card("Joules by cause"):
+                self._causes = ui.echart(causes_chart(())).style("height: 25rem; width: 100%")
+        self._sliders = Sliders(SLIDERS, shown.scenario.energy, self.watch.where, self._price)
+        with box("columns wide"):
+            with card("Joules against rounds"):
+                self._growth = ui.echart(growth_chart(())).style("height: 17rem; width: 100%")
+            with card("What happened"):
+                self._events = text("")
+        with box("tasks wide"):
+            self._tasks = {task: self._build_task(shown, task) for task in shown.scenario.clusters}
+
+    def fill(self, shown: Shown) -> None:
         fill(self._drawing, svg(shown.scenario, shown.moved))
         fill(self._events, events_list(shown.events))
         self._draw_tasks(shown)
         self._price()
-
-    def _build(self, shown: Shown) -> None:
-        with self._body:
-            with box("columns"):
-                with card("What went over the links"):
-                    self._drawing = text("")
-                with card("Joules by cause"):
-                    self._causes = ui.echart(causes_chart(())).style("height: 25rem; width: 100%")
-            self._sliders = Sliders(prices.SLIDERS, shown.scenario.energy, self._watch.where, self._price)
-            with box("columns wide"):
-                with card("Joules against rounds"):
-                    self._growth = ui.echart(growth_chart(())).style("height: 17rem; width: 100%")
-                with card("What happened"):
-                    self._events = text("")
-            with box("tasks wide"):
-                self._tasks = {task: self._build_task(shown, task) for task in shown.scenario.clusters}
 
     def _build_task(self, shown: Shown, task: int) -> tuple[ui.echart, ui.html | None]:
         scenario = shown.scenario
@@ -85,7 +67,7 @@ class View:
 
     def _price(self) -> None:
         """Everything that depends on a price; what was done is at hand."""
-        shown = self._shown
+        shown = self.shown
         if shown is None:
             return
         energy = prices.repriced(shown.scenario, self._sliders.positions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.common.scenario.links import DATA_CENTER
@@ -15,33 +15,10 @@ from jouleswarm.energy.prices import with_beta
 from jouleswarm.report.answer import short_labels
 from jouleswarm.report.arms import labels, looks
 from jouleswarm.report.look import dashes
+from jouleswarm.report.sliders import SLIDERS
 from jouleswarm.runs.answer import Answer
 from jouleswarm.runs.run import Run
 
-
-class Slider(NamedTuple):
-    """A constant that is moved: by powers of ten on the run's own value, or the value itself."""
-
-    key: str
-    """Of the scenario's section energy."""
-    name: str
-    meaning: str
-    unit: str
-    per_unit: float = 1.0
-    """What a unit is in the scenario's own."""
-    is_factor: bool = True
-
-
-SLIDERS = (
-    Slider("ul_bit_per_j", "E_UL", "uplink efficiency", "kb/J", 1e3),
-    Slider("sl_bit_per_j", "E_SL", "sidelink efficiency", "kb/J", 1e3),
-    Slider("p0_w", "P_0", "data center power", "W"),
-    Slider("t0_batch_s", "T_0", "data center, a batch gradient", "ms", 1e-3),
-    Slider("pk_w", "P_k", "robot power", "W"),
-    Slider("tk_batch_s", "T_k", "robot, a batch gradient", "ms", 1e-3),
-    Slider("datacenter_g_per_kwh", "carbon, data center", "of its electricity", "g/kWh", 1, False),
-    Slider("robots_g_per_kwh", "carbon, robots", "where they are charged", "g/kWh", 1, False),
-)
 _CONSTANTS = ("pue", "base_station_pue", "dl_bit_per_j", "sidelink", "motion_j", "forward_j")
 
 

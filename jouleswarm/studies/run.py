@@ -11,17 +11,14 @@ from rich.console import Console
 
 from jouleswarm.common.errors import ConfigurationError, StudyError, usable
 from jouleswarm.common.figure_kinds import KINDS
-from jouleswarm.common.scenario.scenario import Scenario
-from jouleswarm.energy.prices import price_lists, with_beta
-from jouleswarm.energy.repricing import reprice as repriced
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.engine import FACTS, collected, run_jobs
 from jouleswarm.studies.facts import processors_note, read_facts, write_facts
 from jouleswarm.studies.jobs import Request
 from jouleswarm.studies.kinds import Kind, write_outputs
-from jouleswarm.studies.prices import facts_of
 from jouleswarm.studies.progress import Progress
-from jouleswarm.studies.record import RECORD, Record, read_record, write_record
+from jouleswarm.studies.record import Record, read_record, write_record
+from jouleswarm.studies.repriced import check_prices, repriced
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
 
     plan = kind.plan(request)
     scenario = request.scenario(plan.settings)
-    _check_prices(scenario)
+    check_prices(scenario)
     for job in plan.jobs:
         job.load()  # before hours are spent on others
     with usable("--results", where.results):
@@ -101,28 +98,12 @@ def reprice(results: Path, changes: Sequence[str], into: Path | None, kinds: Seq
     """
     if into is None or into.resolve() == results.resolve():
         raise ConfigurationError(f"--set: expected --out FOLDER, so that {results} keeps the prices it was made with")
-    record = read_record(results)
-    scenario, _ = repriced(record.scenario, changes, str(results / RECORD))
-    _check_prices(scenario)
-    facts = read_facts(results / FACTS)
-    if scenario.energy.beta == "measured":
-        for fact in facts:
-            with_beta(scenario.energy, facts_of([fact]))
+    record, facts = repriced(results, changes)
     with usable("--out", into):
         into.mkdir(parents=True, exist_ok=True)
-    write_record(into, record.model_copy(update={"scenario": scenario}))
+    write_record(into, record)
     write_facts(into / FACTS, facts)
     return make_tables(into, kinds)
-
-
-def _check_prices(scenario: Scenario) -> None:
-    """Whether facts, which are sums over robots and links, can be priced."""
-    price_lists(scenario)
-    if not scenario.energy.is_alike:
-        raise ConfigurationError(
-            "energy: got loss, idle power, links or constants of single robots; expected none, as a study keeps sums "
-            "alone; `jouleswarm report` prices its runs"
-        )
 
 
 def make_tables(results: Path, kinds: Sequence[str] = KINDS) -> list[Path]:

@@ -62,6 +62,20 @@ def thresholds_markdown(found: Mapping[str, Case]) -> list[Table]:
     return [first, Table("All links of the same efficiency (kb/J)", ("bytes", *pairs), alike)]
 
 
+def bills_csv(found: Mapping[str, Case]) -> Table:
+    """What thresholds come of, means over seeds: joules of computing by site, and bits of the uplink and of sidelinks.
+
+    What goes down is in `ul_bits`, with gamma.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    for name, case in found.items():
+        robots, datacenter = totals(case, 1.0, 0.0), totals(case, 0.0, 1.0)
+        for method, both in totals(case).items():
+            computing = (robots[method].fixed, datacenter[method].fixed)
+            rows.append((name, method, *computing, both.ul_bits, both.sl_bits))
+    return Table("Bills", ("case", "method", "robots_j", "datacenter_j", "ul_bits", "sl_bits"), rows)
+
+
 def carbon_csv(found: Mapping[str, Case], energy: Energy) -> Table:
     """gCO2e by the countries of robots and data center at the scenario's efficiencies, and where consensus emits less
     than each of the others as E_SL varies.
@@ -116,7 +130,11 @@ def make_study(results: Path, changes: Sequence[str], into: Path) -> list[Path]:
         )
     found = cases(read_facts(results / FACTS), energy)
     made = Outputs(
-        csv={"thresholds": thresholds_csv(found), "carbon": carbon_csv(found, energy)},
+        csv={
+            "bills": bills_csv(found),
+            "thresholds": thresholds_csv(found),
+            "carbon": carbon_csv(found, energy),
+        },
         markdown={"savazzi2021": [*thresholds_markdown(found), carbon_markdown(found, energy)]},
         figures={"winners": lambda: winners_figure(found), "carbon": lambda: carbon_figure(found["paper"], energy)},
     )

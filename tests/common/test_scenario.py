@@ -91,6 +91,11 @@ def test_a_robot_that_is_not_there_is_named() -> None:
         ({"meta": {"t0": 3, "adapt_from": [4], "training_tasks": [1]}}, "adapt_from .* reach past meta.t0 = 3"),
         ({"energy": {"robots_g_per_kwh": -1}}, "energy.robots_g_per_kwh: .*greater than or equal to 0, got -1"),
         ({"meta": {"training_tasks": [1], "robots_per_task": 3}}, "robots_per_task is 3, task 1 has 2"),
+        ({"meta": {"training_tasks": [1], "rehearse_unseen": True}}, "there is no mean of other heads; expected"),
+        (
+            {"meta": {"rehearse_unseen": True, "heads": "shared"}},
+            "rehearse_unseen with heads shared and training_tasks",
+        ),
         ({"federation": {"topology": "random", "degree": 1}}, "task 4: no 1-regular graph of 3 robots exists"),
         ({"learning": {"epsilon": 1.5}}, "learning.epsilon: .*less than or equal to 1, got 1.5"),
         ({"camera": {"width": "wide"}}, 'camera.width: .*valid integer.*, got "wide"'),

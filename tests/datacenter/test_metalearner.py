@@ -1,5 +1,6 @@
 """The meta-learner round by round, and its checkpoint."""
 
+import math
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -148,6 +149,44 @@ def test_a_gradient_that_is_not_finite_ends_training_and_says_so(make_scenario: 
         one_round(MetaLearner(scenario, "maml"), make_experience(scenario, 1), 1)
 
 
+@pytest.mark.parametrize("method", ["maml", "fomaml"])
+def test_learned_step_sizes_go_adams_step_and_stay_in_the_data_center(
+    method: str, make_scenario: Make, make_experience: Make
+) -> None:
+    scenario = make_scenario(methods=[method], meta={"inner_lr": 0.02, "inner_lr_step": 0.05})
+    learner = MetaLearner(scenario, method)
+    one_round(learner, make_experience(scenario, 1), 1)
+    found = tensors(learner)
+    for layer in "035":  # Adam's first step is its step size, either way: mu is 0.02 e^0.05 or 0.02 e^-0.05
+        assert abs(found[f"model/log_mu/{layer}"] - math.log(0.02)) == pytest.approx(0.05, rel=1e-3)
+    assert learner.weights().keys() == MetaLearner(make_scenario(), method).weights().keys()
+
+
+@pytest.mark.parametrize("method", ["reptile", "multitask"])
+def test_who_has_no_step_size_to_learn_learns_none(method: str, make_scenario: Make, make_experience: Make) -> None:
+    scenario = make_scenario(methods=[method], meta={"inner_lr_step": 0.05})
+    learner, plain = MetaLearner(scenario, method), MetaLearner(make_scenario(methods=[method]), method)
+    for each in (learner, plain):
+        one_round(each, make_experience(scenario, 1), 1)
+    assert as_bytes(learner) == as_bytes(plain)
+    assert tensors(learner).keys() == tensors(plain).keys()
+
+
+def test_every_second_update_takes_tasks_as_unseen(make_scenario: Make, make_experience: Make) -> None:
+    scenario = make_scenario(meta={"rehearse_unseen": True})  # an update a round
+    learner, plain = MetaLearner(scenario, "maml"), MetaLearner(make_scenario(), "maml")
+    for each in (learner, plain):
+        one_round(each, make_experience(scenario, 1), 1)
+    assert as_bytes(learner) == as_bytes(plain)
+    before = tensors(learner)
+    for each in (learner, plain):
+        one_round(each, make_experience(scenario, 2), 2)
+    after = tensors(learner)
+    assert as_bytes(learner) != as_bytes(plain)
+    for name in before:  # the model learns; targets are of the task's own head, which nothing was rehearsed with
+        assert np.array_equal(before[name], after[name]) is name.startswith("target/"), name
+
+
 def checkpoint_of(scenario: Scenario, folder: Path | None, method: str = "maml") -> Checkpoint:
     return Checkpoint(folder, owner_of(scenario, "r", method), ("maml", method))
 
@@ -171,11 +210,17 @@ def restored(scenario: Scenario, folder: Path, rounds: int, method: str = "maml"
     return learner
 
 
-@pytest.mark.parametrize("method", META_METHODS)
+@pytest.mark.parametrize(
+    ("method", "meta"),
+    [
+        *((method, {}) for method in META_METHODS),
+        *((method, {"inner_lr_step": 0.01, "rehearse_unseen": True}) for method in ("maml", "fomaml")),
+    ],
+)
 def test_a_restored_learner_goes_on_bit_by_bit_as_if_never_stopped(
-    method: str, make_scenario: Make, make_experience: Make, tmp_path: Path
+    method: str, meta: dict[str, object], make_scenario: Make, make_experience: Make, tmp_path: Path
 ) -> None:
-    scenario = make_scenario()
+    scenario = make_scenario(meta=meta)
     undisturbed = trained(scenario, make_experience, tmp_path / "a", 2, method)
     learners = undisturbed, restored(scenario, tmp_path / "a", 2, method)
     for round_ in (3, 4):

@@ -1,5 +1,7 @@
 """MAML, eqs. (3)-(5), against a quadratic worked out by hand and against finite differences of the real loss."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -61,6 +63,54 @@ def test_the_first_order_meta_gradient_is_the_gradient_at_phi() -> None:
     gradient, adapted = meta_gradient(start(1.0), [goal(3.0), goal(0.0)], [goal(2.0)], quadratic, 0.1, exact=False)
     assert gradient["w"].item() == pytest.approx(-0.92)
     assert adapted["w"].item() == pytest.approx(1.08)
+
+
+def rates(*values: float) -> Params:
+    """log mu of the layers a, b, ..."""
+    return {f"log_mu/{layer}": torch.tensor(math.log(value)) for layer, value in zip("ab", values, strict=False)}
+
+
+def two_layers(params: Params, batch: TensorBatch) -> Tensor:
+    """Of the layers a and b: (w_a - c)^2 / 2 + (w_b - c)^2 / 2."""
+    return 0.5 * sum(((value - batch.rewards) ** 2).sum() for value in params.values())  # type: ignore[return-value]
+
+
+TWO_LAYERS = {"a.weight": torch.tensor([1.0]).double(), "b.weight": torch.tensor([2.0]).double()}
+
+
+def test_each_layer_adapts_by_its_own_learned_step_size() -> None:
+    adapted = adapt(TWO_LAYERS, [goal(3.0)], two_layers, rates(0.1, 0.5))
+    # 1 - 0.1 (1 - 3) = 1.2; 2 - 0.5 (2 - 3) = 2.5
+    assert adapted["a.weight"].item() == pytest.approx(1.2)
+    assert adapted["b.weight"].item() == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_of_one_step_the_gradient_of_mu_is_query_times_support_gradient(exact: bool) -> None:
+    gradient, _ = meta_gradient(TWO_LAYERS, [goal(3.0)], [goal(0.0)], two_layers, rates(0.1, 0.5), exact=exact)
+    # d L / d mu = -g_query g_support, and d mu / d log mu = mu:
+    assert gradient["log_mu/a"].item() == pytest.approx(-(1.2 * -2.0) * 0.1)
+    assert gradient["log_mu/b"].item() == pytest.approx(-(2.5 * -1.0) * 0.5)
+
+
+def test_of_two_steps_the_exact_gradient_of_mu_goes_back_through_the_second() -> None:
+    params, support, query = {"a.w": torch.tensor([1.0]).double()}, [goal(3.0), goal(0.0)], [goal(2.0)]
+    exact, _ = meta_gradient(params, support, query, two_layers, rates(0.1), exact=True)
+    first, _ = meta_gradient(params, support, query, two_layers, rates(0.1), exact=False)
+    # phi_1 = 1 - mu (1 - 3) = 1 + 2 mu, phi = (1 - mu) (1 + 2 mu): d phi / d mu = 1 - 4 mu = 0.6; g_query = 1.08 - 2
+    assert exact["log_mu/a"].item() == pytest.approx(-0.92 * 0.6 * 0.1)
+    # as constants the two support gradients are -2 and 1.2: d phi / d mu = 0.8
+    assert first["log_mu/a"].item() == pytest.approx(-0.92 * 0.8 * 0.1)
+    assert exact["a.w"].item() == pytest.approx(-0.92 * 0.81)  # as with a mu that is not learned
+    assert first["a.w"].item() == pytest.approx(-0.92)
+
+
+def test_a_layer_that_does_not_adapt_has_no_gradient_of_mu() -> None:
+    gradient, _ = meta_gradient(
+        TWO_LAYERS, [goal(3.0)], [goal(0.0)], two_layers, rates(0.1, 0.5), exact=True, inner=["b.weight"]
+    )
+    assert gradient["log_mu/a"].item() == 0.0
+    assert gradient["log_mu/b"].item() == pytest.approx(1.25)
 
 
 def test_what_comes_out_does_not_hold_the_graph() -> None:

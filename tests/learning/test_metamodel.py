@@ -69,3 +69,47 @@ def test_all_start_from_the_same_weights(tasks: tuple[int, ...]) -> None:
     start = {name: value.detach().numpy() for name, value in qnetwork(NETWORK, seed=1).named_parameters()}
     for name, value in model(*tasks).weights().items():
         assert np.array_equal(value, start[name.rpartition("/")[2]])
+
+
+def heads_of(ours: MetaModel, *values: float) -> None:
+    """Biases of the heads of tasks 1, 2, ..."""
+    with torch.no_grad():
+        for name, leaf in ours.named():
+            if name.endswith("/5.bias"):
+                leaf.fill_(values[int(name[4]) - 1])
+
+
+def test_as_an_unseen_task_it_starts_from_the_mean_of_the_others_heads() -> None:
+    ours = model(1, 2, 3)
+    heads_of(ours, 1.0, 2.0, 6.0)
+    assert ours.params(1, unseen=True)["5.bias"].tolist() == [4.0] * 4  # (2 + 6) / 2
+    assert ours.params(3, unseen=True)["5.bias"].tolist() == [1.5] * 4
+    assert ours.params(1)["5.bias"].tolist() == [1.0] * 4
+
+
+def test_as_an_unseen_task_its_gradient_goes_in_equal_shares_to_the_others_heads() -> None:
+    ours = model(1, 2, 3)
+    ours.zero_gradients()
+    ours.add_gradient(1, gradient(ours, 1, 6.0), 1 / 3, unseen=True)
+    ours.add_gradient(2, gradient(ours, 2, 12.0), 1 / 3, unseen=True)
+    found = {name: leaf.grad.mean().item() for name, leaf in ours.named() if leaf.grad is not None}
+    # 6 / 3 is task 1's: 1 each to the heads 2 and 3; 12 / 3 is task 2's: 2 each to the heads 1 and 3
+    assert [found[f"task{task}/5.bias"] for task in (1, 2, 3)] == pytest.approx([2.0, 1.0, 3.0])
+    assert found["0.weight"] == pytest.approx(2.0 + 4.0)
+
+
+def test_learned_rates_begin_at_mu_and_stay_off_the_wire() -> None:
+    ours = MetaModel(qnetwork(NETWORK, seed=1), (1, 2), 0.03)
+    assert list(ours.rates) == ["log_mu/0", "log_mu/3", "log_mu/5"]  # conv, dense, dense
+    assert [value.exp().item() for value in ours.rates.values()] == pytest.approx([0.03] * 3)
+    assert ours.weights().keys() == model(1, 2).weights().keys()
+
+
+def test_rates_get_their_share_of_every_tasks_gradient() -> None:
+    ours = MetaModel(qnetwork(NETWORK, seed=1), (1, 2), 0.03)
+    ours.zero_gradients()
+    ours.add_gradient(1, {"log_mu/5": torch.tensor(4.0)}, 0.5)
+    ours.add_gradient(2, {"log_mu/5": torch.tensor(8.0)}, 0.5, unseen=True)
+    assert {name: leaf.grad.item() for name, leaf in ours.rates.items() if leaf.grad is not None} == {
+        "log_mu/0": 0.0, "log_mu/3": 0.0, "log_mu/5": 6.0,
+    }  # fmt: skip

@@ -7,6 +7,7 @@ from jouleswarm.page import prices
 from jouleswarm.page.charts import causes_chart, growth_chart, rewards_chart
 from jouleswarm.page.model import Curve, priced
 from jouleswarm.page.source import Folder
+from jouleswarm.report.sliders import SLIDERS
 
 COMPLETE = {"status": "complete", "counters": ""}
 
@@ -27,7 +28,7 @@ def test_a_bar_stands_for_each_cause_and_arm_with_its_joules_in_words(write_run:
     assert growth_chart(dear)["series"][0]["data"][-1][1] == dear[0].growth[-1][1] / 1e3
 
 
-AT_TEN_TIMES_P0 = {each.key: float(each.key == "p0_w") for each in prices.SLIDERS}
+AT_TEN_TIMES_P0 = {each.key: float(each.key == "p0_w") for each in SLIDERS}
 
 
 def test_robots_curves_are_left_out_where_they_are_many() -> None:

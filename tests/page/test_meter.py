@@ -14,6 +14,7 @@ from jouleswarm.page.meter.drawing import around, meter_svg
 from jouleswarm.page.meter.model import MeterShown, meter_priced
 from jouleswarm.page.meter.source import MeterFolder
 from jouleswarm.page.meter.words import busiest_table, meter_heading, total_section
+from jouleswarm.report.sliders import LINK_SLIDERS
 from tests.made_up_meter import BEGAN_S, MadeUpMeter, Packet
 
 LINKS = """
@@ -27,7 +28,7 @@ SECOND: list[Packet] = [
     *(("r1", "up", "in", 1000), ("server", "up", "out", 1000), ("r2", "peer/r1", "out", 500)),
     *(("r1", "model", "out", 4000), ("r2", "model", "out", 4000), ("r2", "state/x", "in", 70)),
 ]
-AT_REST = {each.key: 0.0 for each in prices.LINKS}
+AT_REST = {each.key: 0.0 for each in LINK_SLIDERS}
 HOSTILE = "<script>alert(1)</script>&{a}"
 
 
@@ -75,7 +76,7 @@ def test_sliders_price_what_passed_again_and_the_downlink_follows_the_uplink(sho
     down = meter_priced(shown, {**AT_REST, "dl_bit_per_j": 1.0})
     assert (down.links_j["uplink"], down.links_j["downlink"]) == (pytest.approx(0.08), pytest.approx(0.32 / 10))
     assert "downlink 2000 kb/J" in total_section(shown, down)
-    downlink = prices.LINKS[1]
+    downlink = LINK_SLIDERS[1]
     own = shown.tariff.energy
     assert prices.value_text(downlink, 0.0, own) == "as E<sub>UL</sub>"
     assert prices.command("runs/mine", {**AT_REST, "dl_bit_per_j": 1.0}, own) == (

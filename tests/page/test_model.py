@@ -11,10 +11,11 @@ from jouleswarm.common.errors import RunError
 from jouleswarm.page import prices
 from jouleswarm.page.model import ArmPriced, Shown, priced
 from jouleswarm.page.source import Folder
+from jouleswarm.report.sliders import SLIDERS
 from jouleswarm.runs.events import Event, note_event
 
 COMPLETE = {"status": "complete", "counters": ""}
-AT_REST = {each.key: 0.0 for each in prices.SLIDERS}
+AT_REST = {each.key: 0.0 for each in SLIDERS}
 
 
 def look(path: Path) -> Shown:
@@ -58,7 +59,7 @@ def test_a_slider_at_rest_is_the_runs_own_price_and_half_way_up_its_square_root_
     write_run: Callable[..., Path],
 ) -> None:
     energy = look(write_run(COMPLETE)).scenario.energy
-    uplink, carbon = prices.SLIDERS[0], prices.SLIDERS[-1]
+    uplink, carbon = SLIDERS[0], SLIDERS[-1]
     assert prices.value_text(uplink, 0.0, energy) == "200 kb/J"
     assert prices.value_text(uplink, 0.5, energy) == "632.5 kb/J"
     assert prices.value_text(carbon, 0.0, energy) == "not known"

@@ -8,6 +8,7 @@ from jouleswarm.page import prices
 from jouleswarm.page.model import Shown, priced
 from jouleswarm.page.source import Folder
 from jouleswarm.page.words import answer_section, arm_cards, events_list, heading
+from jouleswarm.report.sliders import SLIDERS
 from jouleswarm.runs.events import Event
 
 COMPLETE = {"status": "complete", "counters": ""}
@@ -25,7 +26,7 @@ def test_the_answer_of_a_run_that_is_over_comes_first_and_follows_the_prices(wri
     # the made-up FL, no transfer has not learned task 2
     assert "<b>No verdict: FL, no transfer did not learn all tasks" in answer_section(shown, own)
     assert "At these prices" not in answer_section(shown, own)
-    positions = {each.key: float(each.key == "p0_w") for each in prices.SLIDERS}
+    positions = {each.key: float(each.key == "p0_w") for each in SLIDERS}
     # the data center's 2364.72 J become ten times as many: 2364.72 + 823.2 and 23647.2 + 823.2
     assert "At these prices: MAML 3.188 to 24.47 kJ" in answer_section(
         shown, prices.repriced(shown.scenario, positions)

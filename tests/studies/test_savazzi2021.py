@@ -15,7 +15,7 @@ from jouleswarm.report.table import csv_text
 from jouleswarm.studies.engine import FACTS
 from jouleswarm.studies.facts import Fact, read_facts
 from jouleswarm.studies.record import read_record
-from jouleswarm.studies.savazzi2021 import carbon_csv, thresholds_csv
+from jouleswarm.studies.savazzi2021 import bills_csv, carbon_csv, thresholds_csv
 from jouleswarm.studies.savazzi2021_cases import Case, cases, cheapest, grams, totals
 from tests.studies.made_up import task_fact
 
@@ -106,5 +106,6 @@ def test_committed_tables_are_what_the_committed_facts_come_to() -> None:
     baselines = RESULTS / "compact-baselines"
     energy = read_record(baselines).scenario.energy
     found = cases(read_facts(baselines / FACTS), energy)
-    for name, table in {"thresholds": thresholds_csv(found), "carbon": carbon_csv(found, energy)}.items():
+    made = {"bills": bills_csv(found), "thresholds": thresholds_csv(found), "carbon": carbon_csv(found, energy)}
+    for name, table in made.items():
         assert csv_text(table) == (RESULTS / "savazzi2021" / f"{name}.csv").read_text()

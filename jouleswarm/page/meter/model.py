@@ -22,6 +22,7 @@ from jouleswarm.metering.metered import Metered
 from jouleswarm.metering.windows import joined
 from jouleswarm.page import prices
 from jouleswarm.report.metered import client_name, metered_notes, published
+from jouleswarm.report.sliders import LINK_SLIDERS, SLIDERS
 
 MOST_CLIENTS, _MOST_WINDOWS = 12, 60
 _MOST_ROWS, _MOST_BUSY = 200, 20
@@ -109,8 +110,8 @@ class MeterShown:
     @cached_property
     def sliders(self) -> tuple[prices.Slider, ...]:
         """Those of links; with those of computing where clients told of any."""
-        computing = [each for each in prices.SLIDERS if each.key in ("pk_w", "tk_batch_s")]
-        return (*prices.LINKS, *(computing if self.metered.told else ()))
+        computing = [each for each in SLIDERS if each.key in ("pk_w", "tk_batch_s")]
+        return (*LINK_SLIDERS, *(computing if self.metered.told else ()))
 
     @property
     def prices(self) -> PriceList:
