@@ -31,7 +31,7 @@ BOTH = {
     "recipe": [],
     "adam_eps": ["learning.adam_eps=1e-8"],
     "target": ["learning.target_polyak=0.1"],
-    "epsilon": ["learning.epsilon=0.3"],
+    "epsilon": ["learning.epsilon=0.1"],
     "own": ["learning.collect=own"],
 }
 COLUMNS = ("variant", "seed", "arm", "rounds", "rounds_first", "not_learned", "rounds_of_tasks")

@@ -97,7 +97,7 @@ class Learning(Section):
         "good policy, whatever they are learning, as robots do whose experience the data center learns from; in an "
         "environment without a guide as own. own: the newest of the models that are being learned",
     )
-    epsilon: Fraction = Field(0.1, description="share of random actions while robots collect")
+    epsilon: Fraction = Field(0.3, description="share of random actions while robots collect; the paper has 0.1")
     replay_size: Frames = Field(2000, description="observations that a robot remembers")
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")

@@ -17,7 +17,7 @@ _BATCHES = (5, 10, 20, 40)
 # Of a cluster this large: among 4 robots every 2-regular graph is a ring.
 _LARGE_CLUSTER = "federation.robots_per_cluster=8"
 _AUTHORS = ("learning.lr=2.5e-4", "learning.target_polyak=1", "learning.target_every=100")
-_EXPLORING = ("learning.epsilon=0.3",)
+_EXPLORING = ("learning.epsilon=0.6",)
 
 
 def sensitivity_points(scenario: Scenario) -> list[Point]:

@@ -37,7 +37,10 @@ CASES = {
     "maml": ("methods=['maml']", "meta.adapt_from=[1]"),
     "topk": ("methods=['multitask','fl','fedavg']", "federation.codec='topk'"),
 }
-THEN = ('learning.collect="own"', 'learning.starts="area"', "meta.epsilon=0.6", 'meta.starts="anywhere"')
+THEN = (
+    *('learning.collect="own"', "learning.epsilon=0.1", 'learning.starts="area"'),
+    *("meta.epsilon=0.6", 'meta.starts="anywhere"'),
+)
 """Defaults of the old commit that are others by now, and a field that it does not know."""
 # Those of the old commit but `seconds` and `refused`, which depend on the clock and on what came twice.
 COLUMNS = (
