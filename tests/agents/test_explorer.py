@@ -28,7 +28,7 @@ BEST_RETURN = FIRST + 0.99 * SECOND + 0.99**2 * EXIT  # 74.921
 def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario:
     data = {
         "name": "t", "seed": 3,
-        "world": {"rows": 4, "cols": 3, "max_motions": 10},
+        "world": {"rows": 4, "cols": 3, "max_motions": 10, "path_slope": 2.5, "off_path_reward": -1.5},
         "camera": {"width": 16, "height": 12},
         "network": {"width": 8, "height": 6, "conv": [], "dense": []},
         "learning": {
