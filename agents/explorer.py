@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from jouleswarm.agents.choice import Choice, by_guide
 from jouleswarm.codecs.frames import shrink
 from jouleswarm.codecs.observations import encode_experience, experience_codec_of
 from jouleswarm.common.disk.state import State, generator_state, load_generator
@@ -104,13 +105,14 @@ class Explorer:
         self._is_under_way, self._rounds = values["under_way"], values["rounds"]
 
     def collect(self, learner: Learner, motions: int) -> int:
-        """Move epsilon-greedily, from exploring starts, into the learner's replay; returns the transitions."""
+        """Move by `learning.collect`, from exploring starts, into the learner's replay; returns the transitions."""
         self._next_round()
+        choose = self._choice(learner)
         for _ in range(motions):
             if self._frame is None:
                 self._frame = self._small(self._env.reset(options=_choose(self._starts, self._rng)))
                 learner.replay.observe(self._frame, first=True)
-            action = epsilon_greedy(learner.q_values(self._frame), self._scenario.learning.epsilon, self._rng)
+            action = choose(self._frame)
             step = self._env.step(action)
             self.tally.motion()
             learner.replay.act(action, step.reward, terminated=step.terminated)
@@ -158,17 +160,13 @@ class Explorer:
         yield from self._sent(round_, self._meta_round(round_))
 
     def policy_motions(self, policy: Policy, round_: int) -> Iterator[bytes]:
-        """One round's experience for a data center that learns the task, epsilon-greedy on its own model.
+        """One round's experience for a data center that learns the task and sent `policy`, its newest model.
 
-        The walk goes on from round to round, as in `collect`.
+        It moves and goes on from round to round as in `collect`.
         """
         self._env.show(None)  # what goes up is as the environment shows it
         self._next_round()
-
-        def choose(shown: Array) -> int:
-            return epsilon_greedy(policy.q_values(self._small(shown)), self._scenario.learning.epsilon, self._rng)
-
-        yield from self._sent(round_, self._walk(choose, self._starts, self._rng))
+        yield from self._sent(round_, self._walk(self._choice(policy), self._starts, self._rng))
 
     def _sent(self, round_: int, motions: Iterator[Motion]) -> Iterator[bytes]:
         """A round's motions as payloads."""
@@ -186,7 +184,7 @@ class Explorer:
             )
             yield encode_experience(motion.shown, header, self._codec)
 
-    def _walk(self, choose: Callable[[Array], int], starts: Options, rng: np.random.Generator) -> Iterator[Motion]:
+    def _walk(self, choose: Choice, starts: Options, rng: np.random.Generator) -> Iterator[Motion]:
         """A round's motions; it begins with another look from where the round before ended."""
         if self._is_under_way:
             shown = self._env.look() if self._shown is None else self._shown
@@ -203,7 +201,7 @@ class Explorer:
 
     def _meta_round(self, round_: int) -> Iterator[Motion]:
         """The motions of a meta-learning round, after the round before."""
-        epsilon, rng = self._scenario.meta.epsilon, stream(self._scenario.seed, "meta", "explore", self._agent, round_)
+        rng = stream(self._scenario.seed, "meta", "explore", self._agent, round_)
         place = self._places[round_ - 1]
         self._env.show(None)
         self._env.reset(seed=integer(self._scenario.seed, "meta", "environment", self._agent, round_))
@@ -211,13 +209,7 @@ class Explorer:
         if place is not None:
             self._env.load_place(place.environment)
             self._shown = place.shown
-
-        def choose(_shown: Array) -> int:
-            if not self._env.has_guide or rng.random() < epsilon:
-                return int(rng.integers(len(self._env.spaces.actions)))
-            return self._env.guide()
-
-        yield from self._walk(choose, self._meta_starts, rng)
+        yield from self._walk(by_guide(self._env, self._scenario.meta_epsilon, rng), self._meta_starts, rng)
         goes_on = self._is_under_way and self._env.can_go_on
         self._places.pop(round_, None)
         self._places[round_] = Place(self._env.place(), self._shown) if goes_on else None
@@ -226,7 +218,14 @@ class Explorer:
 
     @cached_property
     def _meta_starts(self) -> Options:
-        return self._starts_of(self._scenario.cluster(self._task), self._scenario.meta.starts)
+        return self._starts_of(self._scenario.cluster(self._task), self._scenario.meta_starts)
+
+    def _choice(self, policy: Policy) -> Choice:
+        """How a robot collects that learns itself, or is sent what the data center has learned."""
+        learning = self._scenario.learning
+        if learning.collect == "guide" and self._env.has_guide:
+            return by_guide(self._env, learning.epsilon, self._rng)
+        return lambda shown: epsilon_greedy(policy.q_values(self._small(shown)), learning.epsilon, self._rng)
 
     def _starts_of(self, cluster: Sequence[int], where: str) -> Options:
         return self._env.starts(where, cluster.index(self._agent), len(cluster))

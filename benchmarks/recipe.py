@@ -20,7 +20,7 @@ from jouleswarm.simulation import run_in_memory
 # Changes to the data center alone, and changes to the robots' own learning, which the arm without transfer has too.
 META_ONLY = {
     "heads": ["meta.heads=shared"],
-    "exploration": ["meta.epsilon=0.1"],
+    "exploration": ["meta.epsilon=0.6"],
     "starts": ["meta.starts=area"],
     "fomaml": ["methods=['fomaml']"],
     "maml": ["methods=['maml']"],
@@ -31,9 +31,10 @@ BOTH = {
     "recipe": [],
     "adam_eps": ["learning.adam_eps=1e-8"],
     "target": ["learning.target_polyak=0.1"],
-    "epsilon": ["learning.epsilon=0.3"],
     "frame": ["camera.draw=frame"],
     "input": ["camera.draw=input"],
+    "epsilon": ["learning.epsilon=0.1"],
+    "own": ["learning.collect=own"],
 }
 COLUMNS = ("variant", "seed", "arm", "rounds", "rounds_first", "not_learned", "rounds_of_tasks")
 

@@ -9,7 +9,7 @@ from pydantic import Field
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.problem import Problem
 from jouleswarm.common.scenario.robots import Robot
-from jouleswarm.common.scenario.sections import Federation, Learning, Meta
+from jouleswarm.common.scenario.sections import Federation, Learning, Meta, Starts
 
 
 class Crew(Problem):
@@ -77,3 +77,13 @@ class Crew(Problem):
         """Training task id -> ids of the robots that send its experience up; without a stage there may be none."""
         tasks = (task for task in self.meta.training_tasks if task in self.clusters)
         return {task: self.cluster(task)[: self.meta.robots_per_task] for task in tasks}
+
+    @property
+    def meta_epsilon(self) -> float:
+        """Share of random actions in the experience for the data center: that of all robots, unless it has its own."""
+        return self.learning.epsilon if self.meta.epsilon is None else self.meta.epsilon
+
+    @property
+    def meta_starts(self) -> Starts:
+        """Where its episodes start: as those of all robots, unless it has its own."""
+        return self.learning.starts if self.meta.starts is None else self.meta.starts

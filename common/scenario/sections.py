@@ -91,7 +91,13 @@ class Learning(Section):
     batch_size: BatchSize = Field(32, description="transitions of a batch gradient")
     batches_per_round: Batches = Field(20, description="B_i")
     motions_per_round: Motions = Field(20, description="|E_ik|, new transitions a round")
-    epsilon: Fraction = Field(0.1, description="share of random actions while robots collect")
+    collect: Literal["guide", "own"] = Field(
+        "guide",
+        description="whom robots follow while they collect, but for random actions. guide: the environment's known "
+        "good policy, whatever they are learning, as robots do whose experience the data center learns from; in an "
+        "environment without a guide as own. own: the newest of the models that are being learned",
+    )
+    epsilon: Fraction = Field(0.3, description="share of random actions while robots collect; the paper has 0.1")
     replay_size: Frames = Field(2000, description="observations that a robot remembers")
     target_polyak: Share = Field(0.03, description="target += this * (online - target) ...")
     target_every: int = Field(1, ge=1, le=1_000_000_000, description="... every so many gradient steps")
@@ -103,7 +109,7 @@ class Learning(Section):
         "(.safetensors). Of robots without a stage before, of the stage itself, and of central learners",
     )
     starts: Starts = Field(
-        "area",
+        "anywhere",
         description="where learning episodes start, of an environment that offers it: in the robot's own share of the "
         "places, anywhere, or where an evaluation starts",
     )
@@ -205,8 +211,12 @@ class Meta(Section):
     )
     meta_lr: LearningRate = Field(1e-3, description="eta, of Adam")
     target_polyak: Share = Field(0.1, description="per-task target network tracking, each meta-update")
-    epsilon: Fraction = Field(0.6, description="of the policy that collects: table-greedy with random motions")
-    starts: Starts = Field("anywhere", description="where its episodes start: see learning.starts")
+    epsilon: Fraction | None = Field(
+        None,
+        description="share of random actions in its experience, else by the environment's guide (without one all are "
+        "random); default learning.epsilon",
+    )
+    starts: Starts | None = Field(None, description="where its episodes start; default learning.starts")
     replay_size: Frames = Field(5000, description="observations that the data center remembers of each training robot")
     experience_codec: str = Field(
         "raw",

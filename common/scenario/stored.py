@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-EARLIER: Mapping[str, Mapping[str, Any]] = {"federation": {"window": "partial"}}
+EARLIER: Mapping[str, Mapping[str, Any]] = {"federation": {"window": "partial"}, "learning": {"collect": "own"}}
 """Table -> settings that written scenarios may lack -> how it was before there was a choice."""
 
 

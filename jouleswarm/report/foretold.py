@@ -40,6 +40,7 @@ def print_foretold(scenario: Scenario, rounds: int | None = None, console: Conso
             f"each task takes {each} rounds: {one}, timed just now."
             for each in _rounds(scenario, rounds)
         ),
+        experience_line(scenario, has_guide=speed.has_guide),
         "By the closed form: payload without headers and MQTT's bytes, nothing sent twice, no control, greedy episodes "
         "not priced; png observations as raw ones. Afterwards the report holds this against what was counted.",
     ]
@@ -64,6 +65,21 @@ def foretold_document(scenario: Scenario, rounds: int | None = None) -> dict[str
         "bytes": room_of(scenario)._asdict(),
         "seconds_here": {str(each): estimated_s(scenario, speed, each) for each in _rounds(scenario, rounds)},
     }
+
+
+def experience_line(scenario: Scenario, *, has_guide: bool) -> str:
+    """Whom robots follow while they collect, as it comes out with this environment."""
+    learning, trains = scenario.learning, bool(scenario.meta_methods)
+    guided = has_guide and learning.collect == "guide"
+    whom = "the environment's guide" if guided else "their own policy"
+    told = f"Experience: robots follow {whom}, {learning.epsilon:.3g} of their actions random, from {learning.starts}"
+    if learning.collect == "guide" and not has_guide:
+        told += " (learning.collect is guide, and this environment has none)"
+    random = scenario.meta_epsilon if has_guide else 1.0
+    if trains and (not guided or (random, scenario.meta_starts) != (learning.epsilon, learning.starts)):
+        whom = "the guide" if has_guide else "nobody"
+        told += f"; those whose experience trains the data center follow {whom}, {random:.3g}, {scenario.meta_starts}"
+    return told + "."
 
 
 def _rounds(scenario: Scenario, rounds: int | None) -> list[int]:

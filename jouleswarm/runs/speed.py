@@ -22,6 +22,8 @@ class Speed(NamedTuple):
     """With the network's answer to what is seen."""
     process_bytes: float
     """What a process with PyTorch has at its fullest here, shared pages too."""
+    has_guide: bool
+    """Whether the environment that was timed knows a policy."""
 
 
 def measure_speed(scenario: Scenario) -> Speed:
@@ -62,7 +64,8 @@ def _measured(scenario: Scenario) -> Speed:
     began = time.process_time()
     learner.learn(_GRADIENTS)
     gradient_s = (time.process_time() - began) / _GRADIENTS
-    return Speed(gradient_s, motion_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    process_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return Speed(gradient_s, motion_s, process_bytes, environment.has_guide)
 
 
 def estimated_s(scenario: Scenario, speed: Speed, rounds: float) -> float:

@@ -45,7 +45,7 @@ def _begun(scenario: Scenario, task: int) -> None:
         environment.show(scenario.spaces.observation.kept(scenario.network))
         environment.reset(seed=1)
         environment.show(None)
-        for where in {scenario.learning.starts, scenario.meta.starts}:
+        for where in {scenario.learning.starts, scenario.meta_starts}:
             for options in environment.starts(where, 0, len(scenario.cluster(task)))[:1]:
                 environment.reset(seed=1, options=options)
         action = environment.guide() if environment.has_guide else 0

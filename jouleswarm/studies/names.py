@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-StudyName = Literal["paper", "baselines", "sensitivity", "regimes", "similarity", "codecs"]
+StudyName = Literal["paper", "baselines", "sensitivity", "regimes", "similarity", "codecs", "experience"]
 
 _HELP = (
     "The paper's Table II and its Figs. 3 and 4: rounds and energy against t0, MAML exact, first-order MAML and joint "
@@ -16,5 +16,7 @@ _HELP = (
     "explores more. 8 seeds, t0 = 90.",
     "Families of tasks from far to near: what transfer saves against what their paths share. 5 seeds, t0 = 90.",
     "Ways to encode weights and experience: bytes, rounds and joules. 5 seeds, t0 = 90.",
+    "How experience is collected: by a guide or by the own policy, random actions, starts; what each choice is worth "
+    "with and without transfer. 5 seeds, t0 = 90.",
 )
 STUDIES: dict[StudyName, str] = dict(zip(get_args(StudyName), _HELP, strict=True))

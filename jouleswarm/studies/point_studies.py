@@ -23,7 +23,7 @@ _IN_EARNEST = (
     *("learning.lr=2.5e-4", "learning.target_polyak=1", "learning.target_every=2000", "learning.epsilon=0.1"),
     *('learning.starts="entry"', 'meta.starts="entry"', "meta.epsilon=0.1", "federation.max_rounds=1000"),
 )
-_EXPLORING = ("learning.epsilon=0.3",)
+_EXPLORING = ("learning.epsilon=0.6",)
 _ONE_ROBOT = Variant("robots=1", ("federation.robots_per_cluster=1",))
 
 

@@ -96,10 +96,9 @@ def bills_of(
         parts = [stage_alone(facts_of(ours[seed]).of_ml())]
         parts += [facts_of(of_tasks(runs[seed], tasks)) for runs in (ours, theirs)]
         bills = [price(prices, part, energy) for part in parts]
-        joules = [bill and bill.total_j for bill in bills]
-        if any(each is None for each in joules):
+        if any(bill is None for bill in bills):
             return None
-        rows.append([each for each in joules if each is not None])
+        rows.append([bill.total_j for bill in bills if bill is not None])
     return Bills(*map(list, zip(*rows, strict=True))) if rows else None
 
 

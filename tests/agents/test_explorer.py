@@ -28,10 +28,12 @@ BEST_RETURN = FIRST + 0.99 * SECOND + 0.99**2 * EXIT  # 74.921
 def scenario(rewards: list[float] | None = None, **learning: object) -> Scenario:
     data = {
         "name": "t", "seed": 3,
-        "world": {"rows": 4, "cols": 3, "max_motions": 10},
+        "world": {"rows": 4, "cols": 3, "max_motions": 10, "path_slope": 2.5, "off_path_reward": -1.5},
         "camera": {"width": 16, "height": 12},
         "network": {"width": 8, "height": 6, "conv": [], "dense": []},
-        "learning": {"motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, **learning},
+        "learning": {
+            "motions_per_round": 8, "epsilon": 0.0, "replay_size": 50, "collect": "own", "starts": "area", **learning
+        },
         "methods": ["fl"],
         "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0, "starts": learning.get("starts", "area")},
         "tasks": [{"id": 1, "map": ". E . \n . * . \n . * . \n . X .", "rewards": rewards}],
@@ -233,3 +235,44 @@ def test_an_explorer_that_comes_back_goes_on_bit_by_bit(sends: bool, motions: in
     back.load_state(state)
     for _ in range(2):
         assert next_round(back) == next_round(undisturbed)
+
+
+def test_robots_follow_the_guide_whatever_they_are_learning() -> None:
+    settings = scenario(collect="guide", starts="entry")
+    robot, explorer = always(LEFT, settings), begun(settings)
+    explorer.collect(robot, 6)
+    batch = robot.replay.sample(300, np.random.default_rng(0))
+    assert set(batch.actions.tolist()) == {FORWARD}
+    assert sorted(set(batch.rewards.tolist())) == pytest.approx(sorted([FIRST, SECOND, EXIT]), abs=1e-5)
+    headers = read(list(begun(settings).policy_motions(always(LEFT, settings), 1)))
+    assert [each.action for each in headers] == [FORWARD] * 8
+
+
+def test_guided_robots_move_the_same_to_the_bit_whatever_they_have_learned() -> None:
+    settings = scenario(collect="guide", starts="anywhere", epsilon=0.5)
+
+    def moved(action: int, agent: int = 1) -> list[int]:
+        return [each.action for each in read(list(begun(settings, agent).policy_motions(always(action, settings), 1)))]
+
+    assert moved(LEFT) == moved(FORWARD)
+    assert moved(LEFT) != moved(LEFT, agent=2)
+
+
+def test_a_guided_robot_takes_random_actions_at_the_rate_of_epsilon() -> None:
+    settings = scenario(collect="guide", starts="entry", epsilon=0.4, motions_per_round=4000)
+    headers = read(list(begun(settings).policy_motions(always(FORWARD, settings), 1)))
+    # At the entry the guide goes forward: another action is drawn with 0.4 / 4, forward with 0.6 + 0.4 / 4.
+    firsts = [each.action for each in headers if each.first]
+    assert firsts.count(LEFT) / len(firsts) == pytest.approx(0.1, abs=0.03)
+    assert firsts.count(FORWARD) / len(firsts) == pytest.approx(0.7, abs=0.05)
+
+
+def test_experience_for_the_data_center_is_collected_as_robots_collect_unless_its_own_rule_is_said() -> None:
+    held = scenario(collect="guide", starts="entry").model_dump()
+    said = {**held, "meta": {**held["meta"], "epsilon": None, "starts": None}}
+    alike = scenario_from(said, "test")
+    assert (alike.meta_epsilon, alike.meta_starts) == (0.0, "entry")
+    assert [each.action for each in read(list(Explorer(alike, 1).motions(1)))] == [FORWARD] * 8
+    own = scenario_from({**said, "meta": {**said["meta"], "epsilon": 1.0, "starts": "anywhere"}}, "test")
+    assert (own.meta_epsilon, own.meta_starts) == (1.0, "anywhere")
+    assert {each.action for each in read(list(Explorer(own, 1).motions(1)))} != {FORWARD}

@@ -25,7 +25,9 @@ def scenario(world: str, end: int = 4, **learning: Any) -> Scenario:
     data = {
         "name": "t", "seed": 3, "methods": ["fl"], "environment": f"tests.worlds:{world}",
         "network": {"dense": [], "conv": [], "width": 3, "height": 2},
-        "learning": {"motions_per_round": 3, "epsilon": 0.0, "replay_size": 50, **learning},
+        "learning": {
+            "motions_per_round": 3, "epsilon": 0.0, "replay_size": 50, "collect": "own", "starts": "area", **learning
+        },
         "meta": {"t0": 2, "training_tasks": [1], "epsilon": 0.0},
         "tasks": [{"id": 1, "kwargs": {"end": end}}],
     }  # fmt: skip
@@ -143,3 +145,12 @@ def test_pictures_are_kept_at_the_networks_size_and_sent_as_they_are() -> None:
     learner = always(GO, settings)
     begun(settings).collect(learner, 3)
     assert learner.replay.sample(1, np.random.default_rng(0)).frames.shape == (1, 2, 3, 3)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_by_the_guide_robots_move_as_it_says_and_where_there_is_none_by_their_own_policy(world: str) -> None:
+    settings = scenario(world, end=100, starts="entry", collect="guide")
+    robot = always(1 - GO, settings)
+    begun(settings).collect(robot, 3)
+    followed = GO if world in ("Known", "Looking") else 1 - GO
+    assert set(robot.replay.sample(50, np.random.default_rng(0)).actions.tolist()) == {followed}

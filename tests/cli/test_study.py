@@ -21,7 +21,7 @@ def test_studies_stand_beside_the_commands_of_the_fleet(jouleswarm: Call) -> Non
 
 
 def test_every_study_has_the_same_options(jouleswarm: Call) -> None:
-    for name in ("paper", "baselines", "sensitivity", "regimes", "similarity", "codecs"):
+    for name in ("paper", "baselines", "sensitivity", "regimes", "similarity", "codecs", "experience"):
         code, out, _ = jouleswarm("study", name, "--help")
         assert code == 0
         assert all(option in out for option in ("--seeds", "--scheduler", "--workers", "--results", "--keep"))

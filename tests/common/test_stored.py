@@ -13,7 +13,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.environments.landmarks.settings import Camera, camera_of
 from jouleswarm.studies.record import Record, read_record, write_record
 
-TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
+ROOT = Path(__file__).parents[2]
+TOY, RESULTS = ROOT / "scenarios" / "toy.toml", ROOT / "results"
 
 
 def meaning(scenario: Scenario) -> tuple[str, str]:
@@ -50,3 +51,23 @@ def test_a_study_of_before_means_what_it_meant(older: dict[str, Any], tmp_path: 
     held = json.loads((path := tmp_path / "study.json").read_text())
     path.write_text(json.dumps({**held, "scenario": older}))
     assert meaning(read_record(tmp_path).scenario) == ("frame", "partial")
+
+
+@pytest.mark.parametrize("study", sorted(path.parent.name for path in RESULTS.glob("*/study.json")))
+def test_robots_of_committed_studies_collected_by_the_rules_of_then(study: str) -> None:
+    folder = RESULTS / study
+    said = json.loads((folder / "study.json").read_text())["scenario"]["learning"]
+    scenario = read_record(folder).scenario
+    if "collect" not in said:
+        assert scenario.learning.collect == "own"
+        assert (scenario.learning.epsilon, scenario.learning.starts) == (0.1, "area")
+        assert (scenario.meta_epsilon, scenario.meta_starts) == (0.6, "anywhere")
+
+
+def test_robots_of_an_older_run_collect_as_they_did(tmp_path: Path) -> None:
+    scenario = load_scenario("toy").model_dump(mode="json")
+    del scenario["learning"]["collect"]
+    (tmp_path / "manifest.json").write_text(json.dumps({"scenario": scenario}))
+    assert load_scenario(tmp_path / "manifest.json").learning.collect == "own"
+    changed = load_scenario(tmp_path / "manifest.json", ["learning.collect=guide"])
+    assert changed.learning.collect == "guide"

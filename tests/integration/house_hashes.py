@@ -24,8 +24,8 @@ import safetensors.numpy
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = Path(__file__).with_suffix(".json")
-OLD = "704c401"
-"""The commit before the code was moved into rooms."""
+OLD = "ccc6cd1"
+"""The newest commit that moved bits: a gradient step by hand."""
 
 Hashes = dict[str, dict[str, str]]
 """Case -> {"rows", "weights"} -> SHA-256."""
@@ -33,7 +33,10 @@ Hashes = dict[str, dict[str, str]]
 # No robot can reach a target of 1000: every arm lasts its 5 rounds.
 SHORT = ("federation.max_rounds=5", "federation.target_reward=1000", "meta.t0=2", "meta.snapshots=[1]")
 # Defaults of today that were otherwise, or were not there, in the old commit.
-SINCE = ("camera.draw=frame",)
+SINCE = (
+    *('learning.collect="own"', "learning.epsilon=0.1", 'learning.starts="area"'),
+    *("meta.epsilon=0.6", 'meta.starts="anywhere"', "camera.draw=frame"),
+)
 CASES = {
     **{method: (f"methods=['{method}']",) for method in ("multitask", "fl", "fedavg", "centralized", "isolated")},
     "maml": ("methods=['maml']", "meta.adapt_from=[1]"),
@@ -83,7 +86,7 @@ def hashes_of_the_old_commit() -> Hashes | None:
     with tempfile.TemporaryDirectory() as folder:
         with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tree:
             tree.extractall(folder, filter="data")
-        names = ["benchmarks.in_memory", "common.scenario", "scenarios/toy.toml"]
+        names = ["jouleswarm.simulation", "jouleswarm.common.scenario.reading", "scenarios/toy.toml"]
         done = subprocess.run(
             [sys.executable, "-P", __file__, *names],
             cwd=folder, env={**os.environ, "PYTHONPATH": folder}, stdout=subprocess.PIPE, check=True, timeout=150,

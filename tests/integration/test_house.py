@@ -1,4 +1,4 @@
-"""The house was rebuilt; what is learned in it is what was learned before, to the bit.
+"""The house is rebuilt again and again; what is learned in it is what an older commit learned, to the bit.
 
 That processes over MQTT come to the same as this in-memory bus is held by test_exactness.py.
 """
@@ -29,7 +29,7 @@ def old() -> Hashes:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_rounds_and_weights_of_the_toy_are_those_before_the_move(case: str, old: Hashes) -> None:
+def test_rounds_and_weights_of_the_toy_are_those_of_the_older_commit(case: str, old: Hashes) -> None:
     assert hashes(simulation, reading, str(TOY), case, SINCE) == old[case]
 
 

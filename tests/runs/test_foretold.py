@@ -66,7 +66,7 @@ def test_time_is_gradients_and_motions_over_cores(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     # stage: 90 x 60 gradients, 90 x 60 motions; then twice 10 rounds of 12 robots, 20 gradients and 2 x 20 motions each
     expected = (5400 * 0.01 + 5400 * 0.001 + 2 * 10 * 12 * (20 * 0.01 + 40 * 0.001)) / 2
-    assert estimated_s(QUICK, Speed(0.01, 0.001, 0), 10) == pytest.approx(expected)
+    assert estimated_s(QUICK, Speed(0.01, 0.001, 0, has_guide=True), 10) == pytest.approx(expected)
 
 
 def test_foretold_against_counted_is_of_a_round() -> None:
