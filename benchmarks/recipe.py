@@ -34,6 +34,7 @@ BOTH = {
     "frame": ["camera.draw=frame"],
     "input": ["camera.draw=input"],
     "epsilon": ["learning.epsilon=0.1"],
+    "exploring": ["learning.epsilon=0.6"],
     "own": ["learning.collect=own"],
 }
 COLUMNS = ("variant", "seed", "arm", "rounds", "rounds_first", "not_learned", "rounds_of_tasks")

@@ -41,7 +41,7 @@ class OneOf:
 
 Ranges = Mapping[str, Between | OneOf]
 
-ROBOTS: Ranges = {"learning.lr": Between(3e-4, 3e-3), "learning.epsilon": OneOf((0.05, 0.1, 0.2, 0.3))}
+ROBOTS: Ranges = {"learning.lr": Between(3e-4, 3e-3), "learning.epsilon": OneOf((0.1, 0.3, 0.6, 1.0))}
 OUTER: Ranges = {"meta.meta_lr": Between(3e-4, 3e-3)}
 INNER: Ranges = OUTER | {"meta.inner_lr": OneOf((0.001, 0.003, 0.01, 0.03)), "meta.inner_steps": OneOf((1, 2, 5, 10))}
 META_SGD: Ranges = {"meta.inner_lr_step": OneOf((0.0, 0.01))}
