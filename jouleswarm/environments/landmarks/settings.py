@@ -47,10 +47,10 @@ class Camera(Section):
     heading_jitter_deg: float = Field(2.0, ge=0, lt=45, description="and looks within this of straight ahead")
     noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
     draw: Literal["frame", "input"] = Field(
-        "frame",
-        description="what robots look at when they learn and are evaluated: frame, drawn at width x height and shrunk, "
-        "or input, drawn at the network's input size at once: quicker, and the same but for rounding and noise; what "
-        "goes up to the data center is width x height with both",
+        "input",
+        description="what robots look at when they learn and are evaluated: input, drawn at the network's input size, or "
+        "frame, drawn at width x height and shrunk: slower, and the same but for rounding and noise; what goes up to the "
+        "data center is width x height with both",
     )
     frames: str | None = Field(
         None,
