@@ -48,9 +48,9 @@ class Camera(Section):
     noise: float = Field(4.0, ge=0, le=255, description="standard deviation of the sensor noise, grey levels")
     draw: Literal["frame", "input"] = Field(
         "input",
-        description="what robots look at when they learn and are evaluated: input, drawn at the network's input size, or "
-        "frame, drawn at width x height and shrunk: slower, and the same but for rounding and noise; what goes up to the "
-        "data center is width x height with both",
+        description="what robots look at when they learn and are evaluated: input, drawn at the network's input size, "
+        "or frame, drawn at width x height and shrunk: slower, and the same but for rounding and noise; what goes up to "
+        "the data center is width x height with both",
     )
     frames: str | None = Field(
         None,
