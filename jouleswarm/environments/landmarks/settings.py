@@ -49,8 +49,8 @@ class Camera(Section):
     draw: Literal["frame", "input"] = Field(
         "input",
         description="what robots look at when they learn and are evaluated: input, drawn at the network's input size, "
-        "or frame, drawn at width x height and shrunk: slower, and the same but for rounding and noise; what goes up to "
-        "the data center is width x height with both",
+        "or frame, drawn at width x height and shrunk: slower, and the same but for rounding and noise; what goes up "
+        "to the data center is width x height with both",
     )
     frames: str | None = Field(
         None,
