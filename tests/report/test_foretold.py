@@ -28,4 +28,4 @@ SENT = "; those whose experience trains the data center follow"
     ],
 )
 def test_the_rule_is_said_as_it_comes_out(settings: tuple[str, ...], has_guide: bool, expected: str) -> None:
-    assert experience_line(load_scenario("toy", [*RULE, *settings]), has_guide=has_guide) == expected + "."
+    assert experience_line(load_scenario("quick", [*RULE, *settings]), has_guide=has_guide) == expected + "."
