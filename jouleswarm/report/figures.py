@@ -84,7 +84,9 @@ def write_figures(run: Run, energy: Energy, suffix: str = "", kinds: Sequence[st
 def save_figure(
     folder: Path, name: str, draw: Callable[[], Figure], kinds: Sequence[str] = KINDS, dpi: int = _PNG_DPI
 ) -> list[Path]:
-    """Draw a figure and write it as files of these kinds; the same data make the same files."""
+    """Draw a figure and write it as files of these kinds, if any; the same data make the same files."""
+    if not kinds:
+        return []
     folder.mkdir(parents=True, exist_ok=True)
     options: dict[str, dict[str, Any]] = {
         "png": {"dpi": dpi},

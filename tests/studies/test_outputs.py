@@ -234,7 +234,7 @@ def test_carbon_stands_beside_joules_where_an_intensity_is_set(tmp_path: Path, s
         seeds=(1,),
         t0=42,
     )
-    write_outputs(tmp_path, kind_of("sensitivity").outputs(pair_of_arms("base", 1, 10, 20), record))
+    write_outputs(tmp_path, kind_of("sensitivity").outputs(pair_of_arms("base", 1, 10, 20), record), kinds=())
     (line,) = rows_of(tmp_path / "sensitivity.csv", arm="maml")
     # 42 x 60 gradients of 11.8 J at PUE 1.67 and 12 x 5.6 MB down at 200 kb/J, at 0.1 g/kJ;
     # 81 rounds of 40 gradients of 2.04 J and 11.2 MB at 500 kb/J, and 42 x 73.8 MB up at 200 kb/J, at 0.01 g/kJ.
@@ -248,7 +248,7 @@ def test_carbon_stands_beside_joules_where_an_intensity_is_set(tmp_path: Path, s
 def test_a_study_is_priced_again_in_another_folder(paper_results: Path, tmp_path: Path) -> None:
     before = {path.name: path.read_bytes() for path in paper_results.iterdir()}
     out = tmp_path / "again"
-    reprice(paper_results, ["energy.robots_g_per_kwh=36", "energy.pue=2"], out)
+    reprice(paper_results, ["energy.robots_g_per_kwh=36", "energy.pue=2"], out, kinds=())
     assert {path.name: path.read_bytes() for path in paper_results.iterdir()} == before
     (found,) = rows_of(out / "energy.csv", ul_kb_per_j="200", prices="literal", t0="210")
     assert float(found["ml_j"]) == pytest.approx(210 * (60 * 11.8 * 2 + 2952) + 2688, rel=1e-5)
@@ -334,9 +334,9 @@ def test_a_study_priced_by_another_list_keeps_its_file(
     )
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "again"
-    reprice(paper_results, ['energy.prices=["mine:Mine"]'], out)
+    reprice(paper_results, ['energy.prices=["mine:Mine"]'], out, kinds=())
     (tmp_path / "mine.py").unlink()
-    make_tables(out)
+    make_tables(out, kinds=())
     assert {row["prices"] for row in rows_of(out / "energy.csv")} == {"mine"}
 
 

@@ -54,7 +54,7 @@ def test_tables_and_figures_are_made_from_elsewhere_once_the_users_files_are_gon
 
 def test_a_study_of_own_methods_is_moved_and_priced_again(results: Path, tmp_path: Path) -> None:
     moved = results.rename(tmp_path / "moved")
-    reprice(moved, ["energy.pue=2"], tmp_path / "again")
+    reprice(moved, ["energy.pue=2"], tmp_path / "again", kinds=())
     shutil.rmtree(moved)
     scenario = read_record(tmp_path / "again").scenario
     assert (scenario.method_names, scenario.energy.pue) == (("fl", "median"), 2)

@@ -19,7 +19,7 @@ from tests.studies.test_outputs import rows_of
 
 def test_zero_width_is_the_bill_of_today_to_the_digit(paper_results: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    reprice(paper_results, ["energy.ul_bit_per_j={low=200e3,high=200e3}"], out)
+    reprice(paper_results, ["energy.ul_bit_per_j={low=200e3,high=200e3}"], out, kinds=())
     for arm, t0 in (("fl", "0"), ("maml-t90", "90"), ("maml", "240")):
         (row,) = rows_of(out / "uncertain.csv", arm=arm)
         (energy,) = rows_of(out / "energy.csv", ul_kb_per_j="200", prices="literal", t0=t0)
