@@ -23,8 +23,8 @@ _BOUNDS_NOTE = (
     "where runs with transfer were cut off, ≥ where those without were, ≈ where both."
 )
 CHEAPEST_NOTE = (
-    "Without is fl, the paper's baseline, and not the cheapest: one robot a task, and robots that exchange nothing "
-    "(isolated), cost less; see `study baselines`."
+    "Without is fl, the paper's baseline, which need not be the cheapest: `study baselines` has one robot a task and "
+    "robots that exchange nothing (isolated) beside it."
 )
 
 

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 from jouleswarm.common.scenario.energy import Energy
 from jouleswarm.energy.prices import PriceList
-from jouleswarm.studies.arms import PLAIN, Line, by_full_window, copied_share, groups_of, lines_of, zero_shot_share
+from jouleswarm.studies.arms import (
+    PLAIN,
+    Line,
+    by_full_window,
+    copied_share,
+    groups_of,
+    lines_of,
+    path_error,
+    zero_shot_share,
+)
 from jouleswarm.studies.facts import Fact
 from jouleswarm.studies.prices import failures, of_tasks, priced, runs_of, task_stages
 from jouleswarm.studies.significance import Ratios, holm, paired_p, ratios
@@ -121,6 +130,5 @@ def _measured(
 
 def _told(facts: Sequence[Fact], arm: str, tasks: Collection[int], seeds: Collection[int]) -> Told:
     held = [fact for fact in task_stages(facts) if fact.arm == arm and fact.task in tasks and fact.seed in seeds]
-    errors = [fact.rmse_m for fact in held if fact.rmse_m is not None]
-    rmse = (fmean(errors), max(errors)) if errors else (None, None)
-    return Told(zero_shot_share(held), copied_share(held), failures(held), len(held), *rmse)
+    errors_m = path_error(held, "", arm) or (None, None)
+    return Told(zero_shot_share(held), copied_share(held), failures(held), len(held), *errors_m)
