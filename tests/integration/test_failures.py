@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import socket
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,10 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.integration.conftest import SMALL, wait_until
+from tests.integration.conftest import DEADLINE_S, SMALL, wait_until
 
 TOY = str(Path(__file__).parents[2] / "scenarios" / "toy.toml")
 LONG = ("federation.target_reward=1000", "federation.max_rounds=2000")
-ENDED_WITHIN_S = 5.0  # what a Ctrl-C promises
 
 
 def sets(overrides: tuple[str, ...]) -> list[str]:
@@ -61,9 +59,8 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_run(
     eventually(lambda: STAGES[stage](run, tmp_path / "r"), stage)
     assert len(marked(str(tmp_path))) >= 3
     os.killpg(run.process.pid, signal.SIGINT)  # as a terminal does
-    deadline_s = time.monotonic() + ENDED_WITHIN_S
-    assert run.ends(ENDED_WITHIN_S) == 130, run.printed
-    eventually(lambda: not marked(str(tmp_path)), "the end of all", within_s=deadline_s - time.monotonic())
+    assert run.ends() == 130, run.printed
+    eventually(lambda: not marked(str(tmp_path)), "the end of all")
     assert "Traceback" not in run.printed
 
     assert read_run(tmp_path / "r").summary["status"] == "interrupted"
@@ -97,7 +94,7 @@ def test_a_process_that_is_killed_and_may_not_be_started_again_ends_the_run_with
     assert run.ends() == 5
     assert "ended with code -9" in run.printed
     assert "jouleswarm run: agent-" in run.printed
-    _, alive = psutil.wait_procs(family, timeout=ENDED_WITHIN_S)
+    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
     assert alive == []
     assert read_run(tmp_path / "r").summary["status"] == "failed"
 
@@ -116,7 +113,7 @@ def test_a_broker_that_dies_and_may_not_be_started_again_ends_the_run_and_says_s
     assert run.ends() in (3, 5)
     assert "broker" in run.printed
     assert "Traceback" not in run.printed
-    _, alive = psutil.wait_procs(family, timeout=ENDED_WITHIN_S)
+    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
     assert alive == []
     report = start.jouleswarm("report", str(tmp_path / "r"))
     assert report.ends() == 0, report.printed
