@@ -1,5 +1,5 @@
 # make run    set up, then run a scenario on this machine     make run SCENARIO=toy ARGS="--seed 2"
-# make test   set up with what tests need, then linters, type checker and all tests
+# make test   set up with what tests need, then linters, type checker and all tests (make checks: without the tests)
 # make compose  the same by Docker Compose (see docker-compose.yml), the answer last
 # make flower .venv-flower, where the tests marked flower run Flower (40 s, 430 MB)
 # make wheels the folder of wheels that the container image takes PyTorch from (on Linux: a wheel of this platform)
@@ -22,16 +22,20 @@ VENV := .venv
 BIN  := $(VENV)/bin
 PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test setup compose flower wheels clean
+.PHONY: run test checks setup compose flower wheels clean
 
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
 
-test: $(VENV)/tested flower
+# What is set up for Flower and what the type checker does are as long, and neither keeps two cores busy.
+test: $(VENV)/tested
+	@$(MAKE) --no-print-directory --jobs 2 checks flower
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+checks: $(VENV)/tested
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # A deployment ends under the lines of containers that stop: what the recorder said last is said once more below them.
 compose:
@@ -60,7 +64,7 @@ $(VENV)/tested: $(VENV)/installed
 
 flower: $(VENV)-flower/installed
 
-$(VENV)-flower/installed: pyproject.toml
+$(VENV)-flower/installed: pyproject.toml | $(VENV)/tested
 	@echo "Setting up $(VENV)-flower with $(FLWR), for the tests marked flower"
 	@$(PYTHON) -m venv $(VENV)-flower
 	@$(VENV)-flower/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$(FLWR)"

@@ -5,7 +5,7 @@ of all tasks together. The robots' learner is tuned on the arm without transfer,
 in-memory bus, on seeds 101 to 106, which are in no study. Stop it whenever: units that are in trials.csv are not run
 again, unless their scenario has changed; a change of the code alone it cannot know of (begin with another --out).
 
-python -m benchmarks.tuning [--workers 2] [--trials 8] [--only fl maml-shared] [--out results/tuning]
+python -m benchmarks.tuning [--workers 2] [--trials 6] [--only fl maml-shared] [--out results/tuning]
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ class Tuner:
 def main() -> None:
     known = parser(__doc__)
     known.add_argument("--scenario", default="scenarios/quick.toml")
-    known.add_argument("--trials", type=int, default=8, help="of each method")
+    known.add_argument("--trials", type=int, default=6, help="of each method")
     known.add_argument("--only", nargs="+", choices=[each.name for each in METHODS], help="these, and fl before them")
     known.add_argument("--t0", type=int, default=90, help="rounds of meta-training")
     known.add_argument("--max-rounds", type=int, default=100, help="a task that is not learned by then counts as this")

@@ -28,13 +28,13 @@ def test_every_study_has_the_same_options(jouleswarm: Call) -> None:
 
 
 def test_tables_are_made_again_without_a_run(jouleswarm: Call, paper_results: Path) -> None:
-    code, out, _ = jouleswarm("study", "tables", str(paper_results))
+    code, out, _ = jouleswarm("study", "tables", str(paper_results), "--figures", "")
     assert code == 0
     assert str(paper_results / "table2.md") in out.splitlines()
 
 
 def test_tables_at_other_prices_go_to_another_folder(jouleswarm: Call, paper_results: Path, tmp_path: Path) -> None:
-    arguments = ("study", "tables", str(paper_results), "--set", "energy.robots_g_per_kwh=50")
+    arguments = ("study", "tables", str(paper_results), "--figures", "", "--set", "energy.robots_g_per_kwh=50")
     code, _, err = jouleswarm(*arguments)
     assert (code, "expected --out FOLDER" in err) == (2, True)
     code, out, _ = jouleswarm(*arguments, "--out", str(tmp_path / "other"))

@@ -29,8 +29,16 @@ def paper_results(tmp_path: Path, scenario: Scenario) -> Path:
 
 
 @pytest.fixture(scope="session")
+def tables(tmp_path_factory: pytest.TempPathFactory, scenario: Scenario) -> Path:
+    """The same with its tables."""
+    folder = _write(tmp_path_factory.mktemp("tables"), scenario)
+    make_tables(folder, kinds=())
+    return folder
+
+
+@pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory, scenario: Scenario) -> Path:
-    """The same with its tables and figures, to look at."""
+    """The same with its tables and figures."""
     folder = _write(tmp_path_factory.mktemp("made"), scenario)
     make_tables(folder)
     return folder

@@ -103,7 +103,7 @@ def test_break_even_is_infinite_where_adaptation_saves_nothing(tmp_path: Path, s
 
 
 def test_the_same_facts_make_the_same_files(made: Path, paper_results: Path) -> None:
-    for path in make_tables(paper_results):
+    for path in make_tables(paper_results, ["svg"]):
         assert path.read_bytes() == (made / path.name).read_bytes(), path.name
 
 
@@ -142,7 +142,7 @@ def test_baselines_stand_side_by_side_with_success_rates(tmp_path: Path, scenari
         task_fact(Arm("fl", "fl", 0), 1, 70, variant="robots=1", robots=1, gradients_robots=1400, sidelink_bytes=0),
     ]
     record = Record(study="baselines", profile="compact", scenario=scenario, seeds=(1,), t0=42)
-    write_outputs(tmp_path, kind_of("baselines").outputs(facts, record))
+    write_outputs(tmp_path, kind_of("baselines").outputs(facts, record), ["svg"])
     (found,) = rows_of(tmp_path / "baselines.csv", arm="isolated")
     assert (found["success"], found["not_learned"], found["trials"]) == ("0.5", "3", "6")
     text = (tmp_path / "baselines.md").read_text()
@@ -294,7 +294,7 @@ def with_own_lists(scenario: Scenario) -> Scenario:
 
 def test_own_price_lists_are_in_every_table_and_figure_of_the_paper_study(tmp_path: Path, scenario: Scenario) -> None:
     record = Record(study="paper", profile="compact", scenario=with_own_lists(scenario), seeds=SEEDS, t0=0)
-    written = {path.name for path in write_outputs(tmp_path, kind_of("paper").outputs(paper_facts(), record))}
+    written = {path.name for path in write_outputs(tmp_path, kind_of("paper").outputs(paper_facts(), record), ["svg"])}
     for name, ratio in (("energy", ("ml_j", "fl_j", "total_j")), ("breakeven", ("stage_j", "plain_task_j"))):
         (ours, *_), (its, *_) = (
             rows_of(tmp_path / f"{name}.csv", ul_kb_per_j="500", prices=prices, t0="210")
@@ -317,7 +317,7 @@ def test_own_price_lists_are_in_every_table_and_figure_of_a_comparison(tmp_path:
     own, groups = with_own_lists(scenario), {"weights": {"float32": "base", "int8": "weights=int8"}}
     for name, figure in (("sensitivity", "sensitivity_weights"), ("baselines", "baselines"), ("codecs", "codecs")):
         record = Record(study=name, profile="compact", scenario=own, seeds=(1,), t0=42, groups=groups)
-        write_outputs(tmp_path, kind_of(name).outputs(facts, record))
+        write_outputs(tmp_path, kind_of(name).outputs(facts, record), ["svg"])
         for line in rows_of(tmp_path / f"{name}.csv"):
             assert float(line["twice_j"]) == pytest.approx(2 * float(line["total_j"]), rel=1e-5)
             assert line["cellular_j"] == ""

@@ -47,7 +47,7 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_tables_and_figures_are_made_from_elsewhere_once_the_users_files_are_gone(results: Path) -> None:
-    make_tables(results)
+    make_tables(results, ["svg"])
     assert "coordinate-wise median" in (results / "baselines.svg").read_text()
     assert "| median |" in (results / "baselines.md").read_text()
 
@@ -59,4 +59,4 @@ def test_a_study_of_own_methods_is_moved_and_priced_again(results: Path, tmp_pat
     scenario = read_record(tmp_path / "again").scenario
     assert (scenario.method_names, scenario.energy.pue) == (("fl", "median"), 2)
     assert scenario.edges == {1: ((1, 2),), 2: ((3, 4),)}
-    make_tables(tmp_path / "again")
+    make_tables(tmp_path / "again", kinds=())

@@ -27,9 +27,9 @@ def committed(results: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(params=[*COMMITTED, None], ids=lambda path: str(path.relative_to(ROOT)) if path else "made up")
-def results(request: pytest.FixtureRequest, made: Path) -> Path:
+def results(request: pytest.FixtureRequest, tables: Path) -> Path:
     """Each results folder of the repository, and a made-up one."""
-    folder: Path = request.param or made
+    folder: Path = request.param or tables
     return folder
 
 
@@ -37,7 +37,7 @@ def test_committed_tables_are_what_the_committed_facts_come_to(results: Path, tm
     assert made_again(results, tmp_path / "again") == committed(results)
 
 
-def test_a_changed_fact_shows_in_the_tables(made: Path, paper_results: Path, tmp_path: Path) -> None:
+def test_a_changed_fact_shows_in_the_tables(tables: Path, paper_results: Path, tmp_path: Path) -> None:
     facts = paper_results / FACTS
     facts.write_text(facts.read_text().replace(",32,30,32,", ",33,30,32,", 1))
-    assert made_again(paper_results, tmp_path / "changed") != committed(made)
+    assert made_again(paper_results, tmp_path / "changed") != committed(tables)
