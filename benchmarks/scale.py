@@ -2,12 +2,13 @@
 
     python -m benchmarks.scale [--robots 12 48 96 200] [--rounds 10] [--size toy] [--out scale.csv]
 
-`--size quick` has robots of compact size. Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each
-size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts all
-of it, as for anybody. Per robot-round: CPU time of robots (their start is in it), of the broker, and of the run's own
-process, which records; wire bytes by the run's meter, in and out of the broker. What is done once however many robots
-there are is told apart: the fork server loads the libraries for all, and run and broker have begun before it does. PSS
-is a robot's (the median) once all are in their first round.
+Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each
+size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts
+all of it, as for anybody; `--size quick` takes robots with the compact network and the full-size world. Per robot-
+round: CPU time of robots (their start is in it), of the broker, and of the run's own process, which records; wire
+bytes by the run's meter, in and out of the broker. What is done once however many robots there are is told apart: the
+fork server loads the libraries for all, and run and broker have begun before it does. PSS is a robot's (the median)
+once all are in their first round.
 """
 
 from __future__ import annotations
@@ -62,11 +63,17 @@ class Seen:
 
 def scenario_file(folder: Path, robots: int, rounds: int, size: str) -> Path:
     """A scenario of so many robots, resolved."""
-    maps, world = (MAPS, WORLD) if size == "toy" else ([task.map for task in load_scenario(size).tasks], ())
-    tasks = [{"id": number + 1, "map": maps[number % len(maps)]} for number in range(robots // CLUSTER)]
-    scenario = load_scenario(size, [*OVERRIDES, *world, ("tasks", tasks), ("federation.max_rounds", rounds)])
+    world = WORLD if size == "toy" else ()
+    changes = [*OVERRIDES, *world, ("tasks", tasks_of(size, robots)), ("federation.max_rounds", rounds)]
+    scenario = load_scenario(size, changes)
     (path := folder / "scale.json").write_text(json.dumps({"scenario": scenario.model_dump(mode="json")}))
     return path
+
+
+def tasks_of(size: str, robots: int) -> list[dict[str, object]]:
+    """Clusters enough for so many robots; those of the toy have small maps, others the scenario's own."""
+    maps = MAPS if size == "toy" else [task.map for task in load_scenario(size).tasks]
+    return [{"id": number + 1, "map": maps[number % len(maps)]} for number in range(robots // CLUSTER)]
 
 
 def measure(robots: int, rounds: int, size: str = "toy") -> dict[str, float]:

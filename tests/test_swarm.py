@@ -1,4 +1,4 @@
-"""The stack file of deploy/swarm.yml, read as Docker reads it; the secrets and the wait that it shares with Kubernetes."""
+"""The stack file of deploy/swarm.yml, as Docker reads it; secrets and waiting, which Kubernetes has too."""
 
 from __future__ import annotations
 
