@@ -4,11 +4,11 @@
 
 Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each
 size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts
-all of it, as for anybody; `--size quick` takes robots with the compact network and the full-size world. Per robot-
-round: CPU time of robots (their start is in it), of the broker, and of the run's own process, which records; wire
-bytes by the run's meter, in and out of the broker. What is done once however many robots there are is told apart: the
-fork server loads the libraries for all, and run and broker have begun before it does. PSS is a robot's (the median)
-once all are in their first round.
+all of it, as for anybody; `--size quick` takes robots with the compact network and the full-size world. Per
+robot-round: CPU time of robots (their start is in it), of the broker, and of the run's own process, which records;
+wire bytes by the run's meter, in and out of the broker. What is done once however many robots there are is told
+apart: the fork server loads the libraries for all, and run and broker have begun before it does. PSS is a robot's
+(the median) once all are in their first round.
 """
 
 from __future__ import annotations

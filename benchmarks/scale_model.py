@@ -23,9 +23,10 @@ from jouleswarm.energy.infrastructure import RobotRound, infrastructure
 from jouleswarm.simulation import run_in_memory
 
 PAPER_SECONDS = 20 * 0.4
-MEASURED = {  # by `python -m benchmarks.scale`: broker's and run's CPU time, wire bytes
+# By `python -m benchmarks.scale` of 200 and, with --size quick, 48 robots: broker's and run's CPU time, wire bytes.
+MEASURED = {
     "toy": (3.4e-3, 6.2e-3, 123_909),
-    "quick": (9.1e-3, 17.85e-3, 1_911_808),
+    "compact": (5.1e-3, 7.77e-3, 1_838_813),
 }
 FEW, ROUNDS = 40, 2
 SMALL = (
@@ -48,7 +49,7 @@ class Counted(NamedTuple):
 
 def table(robots: list[int], seconds: float) -> None:
     """Print it, a row for each size and number of robots."""
-    print("| size | robots | robots a broker (limit) | brokers | recorders | bytes a second | kJ a round | J a robot |")
+    print("| size | robots | robots a broker (limit) | brokers | recorders | MB a second | kJ a round | J a robot |")
     print("|---|---|---|---|---|---|---|---|")
     for size, (broker_s, recorder_s, wire_bytes) in MEASURED.items():
         each = RobotRound(seconds, broker_s, recorder_s, wire_bytes)
@@ -56,7 +57,7 @@ def table(robots: list[int], seconds: float) -> None:
             found = infrastructure(count, CLUSTER, each)
             print(
                 f"| {size} | {count:,} | {found.robots_per_broker} ({found.limit}) | {found.brokers:,} | "
-                f"{found.recorders:,} | {found.bytes_per_s:.3g} | {found.joules / 1e3:,.3g} | "
+                f"{found.recorders:,} | {found.bytes_per_s / 1e6:,.0f} | {found.joules / 1e3:,.3g} | "
                 f"{found.joules / count:.2f} |"
             )
 

@@ -31,8 +31,8 @@ class Host(NamedTuple):
 
     busy: float = 0.7
     """Share of its time that it may compute; above that rounds wait for it."""
-    connections: int = 1000
-    """The embedded broker's --max-connections."""
+    connections: int = 998
+    """Of robots: the embedded broker's 1,000 (--max-connections) but for data center and recorder."""
     bytes_per_s: float = 125e6
     """1 Gbit/s, in and out together."""
     idle_w: float = 5.0
