@@ -7,6 +7,7 @@ import re
 import runpy
 import socket
 import subprocess
+import sys
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -116,3 +117,18 @@ def test_the_image_has_what_the_files_call() -> None:
     copied = re.search(r"^COPY (.+) /app/deploy/$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
     assert copied is not None
     assert copied[1].split() == ["deploy/broker_health.py", "deploy/wait_for.py"]
+
+
+def test_runs_are_identical_but_for_times_and_a_bit_of_a_weight_is_told(tmp_path: Path) -> None:
+    for name, seconds, weights in (("one", 1.5, b"\x01"), ("same", 2.5, b"\x01"), ("other", 1.5, b"\x00")):
+        (models := tmp_path / name / "toy" / "weights").mkdir(parents=True)
+        (models / "fl-task1.safetensors").write_bytes(weights)
+        (models.parent / "rounds.jsonl").write_text(f'{{"round": 1, "reward": 50.0, "seconds": {seconds}}}\n')
+        (models.parent / "summary.json").write_text("{}")
+    for names, code, end in ((("one", "same"), 0, "identical"), (("one", "same", "other"), 1, "DIFFERENT")):
+        done = subprocess.run(
+            [sys.executable, ROOT / "deploy" / "identical.py", *names],
+            cwd=tmp_path, capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (code, "")
+        assert done.stdout.splitlines()[-1] == f"{names[-1]}: 1 rows, 1 models: {end}"
