@@ -38,7 +38,7 @@ RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/s
 COPY --from=dependencies /opt/venv /opt/venv
 COPY --from=package /package /opt/venv
 COPY jouleswarm/scenarios /app/scenarios
-COPY deploy/broker_health.py /app/deploy/broker_health.py
+COPY deploy/broker_health.py deploy/wait_for.py /app/deploy/
 WORKDIR /app
 # All that is written at run time goes to /tmp, /runs, /keys, /handed and /state: the rest of the file system can be read-only.
 # One thread of arithmetic a process: robots share the cores, and results do not depend on their number.

@@ -1,13 +1,14 @@
 """How a deployment grows: 12, 48, 96 and 200 robots of a toy on one machine, each with the embedded broker.
 
-    python -m benchmarks.scale [--robots 12 48 96 200] [--rounds 10] [--out scale.csv]
+    python -m benchmarks.scale [--robots 12 48 96 200] [--rounds 10] [--size toy] [--out scale.csv]
 
 Clusters of 4 robots in a ring, none of which can reach its target: traffic a robot and rounds are the same at each
-size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts all
-of it, as for anybody. Per robot-round: CPU time of robots (their start is in it), of the broker, and of the run's own
-process, which records; wire bytes by the run's meter, in and out of the broker. What is done once however many robots
-there are is told apart: the fork server loads the libraries for all, and run and broker have begun before it does. PSS
-is a robot's (the median) once all are in their first round.
+size, so whatever a robot-round costs more at 200 than at 12 is what grows with the others. `jouleswarm run` starts
+all of it, as for anybody; `--size quick` takes robots with the compact network and the full-size world. Per
+robot-round: CPU time of robots (their start is in it), of the broker, and of the run's own process, which records;
+wire bytes by the run's meter, in and out of the broker. What is done once however many robots there are is told
+apart: the fork server loads the libraries for all, and run and broker have begun before it does. PSS is a robot's
+(the median) once all are in their first round.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ COLUMNS = (
     "wire_bytes", "pss_mb", "fds_broker", "fds_run",
 )  # fmt: skip
 MAPS = ("E * * X", "E * X .", ". E * X")
+WORLD = ("world.rows=1", "world.cols=4")  # of MAPS
 OVERRIDES = (
-    "name=scale", "methods=['fl']", "world.rows=1", "world.cols=4", "federation.topology=ring",
+    "name=scale", "methods=['fl']", "federation.topology=ring",
     f"federation.robots_per_cluster={CLUSTER}", "federation.target_reward=1e9", "meta.training_tasks=[]",
 )  # fmt: skip
 
@@ -59,18 +61,25 @@ class Seen:
     """At most."""
 
 
-def scenario_file(folder: Path, robots: int, rounds: int) -> Path:
+def scenario_file(folder: Path, robots: int, rounds: int, size: str) -> Path:
     """A scenario of so many robots, resolved."""
-    tasks = [{"id": number + 1, "map": MAPS[number % len(MAPS)]} for number in range(robots // CLUSTER)]
-    scenario = load_scenario("toy", [*OVERRIDES, ("tasks", tasks), ("federation.max_rounds", rounds)])
+    world = WORLD if size == "toy" else ()
+    changes = [*OVERRIDES, *world, ("tasks", tasks_of(size, robots)), ("federation.max_rounds", rounds)]
+    scenario = load_scenario(size, changes)
     (path := folder / "scale.json").write_text(json.dumps({"scenario": scenario.model_dump(mode="json")}))
     return path
 
 
-def measure(robots: int, rounds: int) -> dict[str, float]:
+def tasks_of(size: str, robots: int) -> list[dict[str, object]]:
+    """Clusters enough for so many robots; those of the toy have small maps, others the scenario's own."""
+    maps = MAPS if size == "toy" else [task.map for task in load_scenario(size).tasks]
+    return [{"id": number + 1, "map": maps[number % len(maps)]} for number in range(robots // CLUSTER)]
+
+
+def measure(robots: int, rounds: int, size: str = "toy") -> dict[str, float]:
     """One row of the table."""
     with tempfile.TemporaryDirectory() as folder:
-        scenario = scenario_file(Path(folder), robots, rounds)
+        scenario = scenario_file(Path(folder), robots, rounds, size)
         command = [sys.executable, "-m", "jouleswarm", "run", str(scenario), "--out", folder, "--run-id", "scale"]
         with (Path(folder) / "log").open("w") as log:
             begun_s = time.monotonic()
@@ -173,13 +182,14 @@ def main() -> None:
     known = parser(__doc__)
     known.add_argument("--robots", type=int, nargs="+", default=[12, 48, 96, 200], help=f"multiples of {CLUSTER}")
     known.add_argument("--rounds", type=int, default=10)
+    known.add_argument("--size", choices=["toy", "quick", "paper"], default="toy", help="whose network and world")
     known.add_argument("--out", type=Path, help="write the table as CSV too")
     options = known.parse_args()
     if odd := [each for each in options.robots if each < CLUSTER or each % CLUSTER]:
         known.error(f"--robots {odd}: expected multiples of {CLUSTER}, the robots of a cluster")
     rows: list[dict[str, float]] = []
     for robots in options.robots:
-        row = measure(robots, options.rounds)
+        row = measure(robots, options.rounds, options.size)
         rows.append(row | {"ratio": row["all_ms"] / (rows[0]["all_ms"] if rows else row["all_ms"])})
         print(told(rows[-1], rows[0]), flush=True)
     if options.out is not None:

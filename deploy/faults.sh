@@ -97,20 +97,4 @@ nearly 4
 break_off stop
 finish broken-off
 
-python3 - "$OUT" <<'PYTHON'
-import json, pathlib, sys
-
-def end(name):
-    # A folder for each start: the newest has all.
-    run = max(path.parent for path in (pathlib.Path(sys.argv[1]) / name).rglob("summary.json"))
-    rows = [json.loads(line) for line in (run / "rounds.jsonl").read_text().splitlines()]
-    rows = [{key: value for key, value in row.items() if key not in ("seconds", "refused", "beta")} for row in rows]
-    return rows, {path.name: path.read_bytes() for path in sorted((run / "weights").iterdir())}
-
-one, same = end("undisturbed"), True
-for name in ("disturbed", "broken-off"):
-    found = end(name) == one
-    print(f"faults: {name}: {len(one[0])} rows, {len(one[1])} models: {'identical' if found else 'DIFFERENT'}")
-    same = same and found
-sys.exit(not same)
-PYTHON
+python3 deploy/identical.py "$OUT/undisturbed" "$OUT/disturbed" "$OUT/broken-off"

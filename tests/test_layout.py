@@ -116,6 +116,18 @@ def test_mqtt_libraries_stay_behind_the_bus_and_in_the_broker() -> None:
         assert used & {"paho", "amqtt", "aiomqtt", "gmqtt"} <= allowed, module
 
 
+def test_no_process_of_a_run_asks_what_day_it_is() -> None:
+    """Clocks of two machines differ: waits are by each one's own, and only what starts and records a run has dates."""
+    rooms = {"agents", "datacenter", "broker"}.union(*FLOORS[:3])
+    asked = {"time.time", "time.time_ns", "datetime.now", "datetime.datetime.now", "datetime.utcnow", "date.today"}
+    for module, path in sources().items():
+        if module.split(".")[0] in rooms and module != "agents.memory":  # which leaves a date for people
+            calls = {
+                ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+            }
+            assert not calls & asked, module
+
+
 def test_every_test_is_below_a_path_that_is_tested() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
     tested = {ROOT / path for path in settings["testpaths"]}

@@ -107,8 +107,10 @@ def test_a_wheel_has_one_name_at_the_top_and_all_of_the_house_below_it(wheel: Pa
 def test_a_wheel_says_what_it_is(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         told = Parser().parsestr(archive.read("jouleswarm-0.1.0.dist-info/METADATA").decode())
+        kind = Parser().parsestr(archive.read("jouleswarm-0.1.0.dist-info/WHEEL").decode())
         assert b"TERMS AND CONDITIONS" in archive.read("jouleswarm-0.1.0.dist-info/licenses/LICENSE")
     assert (told["Name"], told["License-Expression"], told["Requires-Python"]) == ("jouleswarm", "Apache-2.0", ">=3.11")
+    assert (wheel.name, kind["Root-Is-Purelib"]) == ("jouleswarm-0.1.0-py3-none-any.whl", "true")  # of any processor
     assert told.get_payload() == (ROOT / "README.md").read_text()
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol
+
+from paho.mqtt.matcher import MQTTMatcher
 
 from jouleswarm.common.errors import MessageTooLargeError
 from jouleswarm.common.meter.meter import Meter
@@ -72,6 +75,8 @@ class MemoryHub:
     limit_bytes: int | None = None
     """Of a PUBLISH packet's remaining length."""
     _clients: dict[str, MemoryBus] = field(default_factory=dict)
+    _granted: MQTTMatcher = field(default_factory=MQTTMatcher)
+    """By filter the QoS of each bus: a tree, so that a message costs the same however many clients there are."""
     _retained: dict[str, Message] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -88,19 +93,37 @@ class MemoryHub:
             self.meter.publish(client, message.topic, "in", len(message.payload), qos)
             if retain:
                 self._retained[message.topic] = Message(message.topic, message.payload, retained=True)
-            for name, bus in self._clients.items():
-                granted = bus.granted_qos(message.topic)
-                if granted is not None:
-                    self.meter.publish(name, message.topic, "out", len(message.payload), min(qos, granted))
-                    bus.deliver(message, min(qos, granted))
+            receivers: dict[MemoryBus, int] = {}
+            for granted in self._granted.iter_match(message.topic):  # type: ignore[no-untyped-call]
+                for bus, highest in granted.items():
+                    receivers[bus] = max(highest, receivers.get(bus, 0))  # once each, at its highest QoS
+            for bus, highest in receivers.items():
+                if self._clients[bus.client] is bus:  # who has come again by its name takes its place
+                    self._deliver(bus, message, min(qos, highest))
 
-    def deliver_retained(self, bus: MemoryBus, filter_: str, qos: int) -> None:
-        """What a new subscription gets at once."""
+    def subscribe(self, bus: MemoryBus, filter_: str, qos: int) -> None:
+        """Grant it, and deliver what is retained."""
         with self._lock:
-            for message in self._retained.values():
-                if matches(filter_, message.topic) and len(message.payload):
-                    self.meter.publish(bus.client, message.topic, "out", len(message.payload), qos)
-                    bus.deliver(message, qos)
+            try:
+                self._granted[filter_][bus] = qos
+            except KeyError:
+                self._granted[filter_] = {bus: qos}
+            exact = not {"+", "#"} & set(filter_.split("/"))
+            for topic in {filter_} & self._retained.keys() if exact else self._retained:
+                message = self._retained[topic]
+                if (exact or matches(filter_, topic)) and len(message.payload):
+                    self._deliver(bus, message, qos)
+
+    def unsubscribe(self, bus: MemoryBus, *filters: str) -> None:
+        """Take back what was granted; a filter that was not is passed over."""
+        with self._lock:
+            for filter_ in filters:
+                with suppress(KeyError):
+                    del self._granted[filter_][bus]
+
+    def _deliver(self, bus: MemoryBus, message: Message, qos: int) -> None:
+        self.meter.publish(bus.client, message.topic, "out", len(message.payload), qos)
+        bus.deliver(message, qos)
 
 
 class MemoryBus:
@@ -111,17 +134,17 @@ class MemoryBus:
         self.meter = Meter("client", cpu_ns=time.thread_time_ns)
         self.connections = 1
         self._hub = hub
-        self._filters: dict[str, int] = {}
+        self._filters: set[str] = set()
         self._inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
 
     def subscribe(self, *filters: str, qos: int = 1) -> None:
         for filter_ in filters:
-            self._filters[filter_] = qos
-            self._hub.deliver_retained(self, filter_, qos)
+            self._filters.add(filter_)
+            self._hub.subscribe(self, filter_, qos)
 
     def unsubscribe(self, *filters: str) -> None:
-        for filter_ in filters:
-            self._filters.pop(filter_, None)
+        self._filters -= set(filters)
+        self._hub.unsubscribe(self, *filters)
 
     def publish(self, topic: str, payload: Payload, *, qos: int = 1, retain: bool = False) -> None:
         size, limit_bytes = len(payload), self._hub.limit_bytes
@@ -140,11 +163,7 @@ class MemoryBus:
         """Nothing is ever under way."""
 
     def close(self) -> None:
-        self._filters.clear()
-
-    def granted_qos(self, topic: str) -> int | None:
-        """The highest QoS of this client's subscriptions that match `topic`, or None."""
-        return max((qos for filter_, qos in tuple(self._filters.items()) if matches(filter_, topic)), default=None)
+        self.unsubscribe(*self._filters)
 
     def deliver(self, message: Message, qos: int) -> None:
         """Called by the hub, from any thread."""

@@ -69,7 +69,10 @@ def _mistake(error: OSError, host: str) -> str | None:
 def _about_their_certificate(code: int, message: str, host: str) -> str:
     got = f"got a certificate that is not valid ({message.rstrip('.')})"
     if code == _EXPIRED:
-        return f"{got}, expected one that has not expired; make a new folder of keys with `jouleswarm keys init`"
+        return (
+            f"{got}, expected one that has not expired; check this machine's clock, or make a new folder of keys with "
+            "`jouleswarm keys init`"
+        )
     if code == _NOT_YET:
         return f"{got}, expected one that is valid already; check the clocks of both machines"
     if code in _NAMES:
