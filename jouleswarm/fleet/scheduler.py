@@ -13,12 +13,13 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from distributed import Client
+from distributed.comm import resolve_address
 from distributed.utils import get_ip
 
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError
 
 _CONNECT_TIMEOUT_S = 10
-_WORKERS_TIMEOUT_S = 10
+_WORKERS_TIMEOUT_S = 30
 _EXPECTED = "an address like tcp://HOST:8786"
 
 
@@ -31,7 +32,7 @@ def client_of(scheduler: str, kind: type[JouleSwarmError] = ConfigurationError) 
     for name in ("distributed", "tornado.application"):  # what goes wrong is told in one line, by who asked
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        return Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+        return Client(resolve_address(scheduler), timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         told = " ".join(str(error).split())
         raise kind(f"no Dask scheduler answered at {scheduler!r} ({told}); expected {_EXPECTED}") from error
