@@ -102,7 +102,7 @@ class Remote:
         while not self._heard.empty():
             self._take(self._heard.get())
         if self._client.status != "running":
-            raise RunError("the Dask scheduler is gone, and all that ran on its workers with it")
+            raise RunError("the Dask scheduler is gone, and all that ran on its workers with it; --resume goes on")
         for group, task in list(self._tasks.items()):
             if task.status in ("cancelled", "lost"):
                 raise RunError(f"Dask has dropped the task of {self._names(group)}; was the scheduler started again?")

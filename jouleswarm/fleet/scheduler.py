@@ -29,7 +29,11 @@ def client_of(scheduler: str, kind: type[JouleSwarmError] = ConfigurationError) 
     Raises:
         JouleSwarmError: of this kind, none answers.
     """
-    for name in ("distributed", "tornado.application"):  # what goes wrong is told in one line, by who asked
+    for name in (
+        "distributed",
+        "distributed.client",
+        "tornado.application",
+    ):  # what goes wrong is told in one line, by who asked
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return Client(resolve_address(scheduler), timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
@@ -105,8 +109,8 @@ def address_for(workers: list[str], reached_from: Callable[[str], str] = get_ip)
     found = sorted({reached_from(urlsplit(worker).hostname or "") for worker in workers})
     if len(found) > 1:
         raise ConfigurationError(
-            f"workers are reached from several addresses of this machine ({', '.join(found)}); say with --listen HOST "
-            "which one all of them are to reach the broker by"
+            f"workers are reached from several addresses of this machine ({', '.join(found)}); say with "
+            "--listen HOST:0 which one all of them are to reach the broker by"
         )
     return found[0]
 
@@ -121,5 +125,5 @@ def check_protected(host: str, *, with_keys: bool, is_asked_for: bool) -> None:
         raise ConfigurationError(
             f"workers are on other machines, so that the broker must listen on {host}, where anybody could read and "
             f"publish: give --keys FOLDER (`jouleswarm keys init SCENARIO --hosts {host}`), or, on a network that is "
-            f"yours alone, --listen {host}"
+            f"yours alone, --listen {host}:0"
         )
