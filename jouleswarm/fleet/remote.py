@@ -73,9 +73,15 @@ class Remote:
         self._client.unsubscribe_topic(self._topic)
 
     def start(self, processes: Mapping[str, tuple[str, list[str]]]) -> None:
-        """Place processes on the workers that there are now, and have them started: name -> module and arguments."""
-        places = placed(list(processes), self._client.nthreads())
-        for number, (worker, names) in enumerate(places.items(), start=1):
+        """Place processes on the workers that there are now, and have them started: name -> module and arguments.
+
+        Raises:
+            RunError: there are none any more.
+        """
+        threads = self._client.nthreads()
+        if not threads:
+            raise RunError("the Dask cluster has no workers any more; --resume goes on once it has")
+        for number, (worker, names) in enumerate(placed(list(processes), threads).items(), start=1):
             self._groups[str(number)] = Group(
                 name=str(number),
                 processes={name: processes[name] for name in names},

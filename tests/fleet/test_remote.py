@@ -96,3 +96,16 @@ def test_a_process_that_fails_on_a_worker_ends_the_run_with_its_last_words(
             until(lambda: False, remote)
     (worker, *_) = sorted(client.nthreads())
     assert told == [f"worker {worker}: agent-1", f"worker {worker}: agent-1 was ended by SIGKILL; starting it again"]
+
+
+def test_what_a_worker_has_that_is_asked_to_leave_is_begun_again_on_another(
+    client: Client, made_up: type[MadeUp], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    leaving, staying = sorted(client.nthreads())
+    with Remote(client, tmp_path / "r", tmp_path / "state", 1, told.append, goes_on=False) as remote:
+        remote.start({"agent-1": PROCESSES["agent-1"]})
+        until(lambda: "agent-1" in made_up.started, remote)
+        client.retire_workers([leaving])
+        until(lambda: len(told) == 2, remote)
+    assert told == [f"worker {leaving}: agent-1", f"worker {leaving} is gone; going on on {staying}: agent-1"]
