@@ -78,9 +78,9 @@ class Options:
     listen: str | None = None
     """HOST:PORT that the embedded broker listens on; None: where its processes, and nobody else, can reach it."""
 
-    def place(self) -> AbstractContextManager[Place]:
-        """Where all runs; a cluster is connected to as long as the context lasts."""
-        return place_of(self.scheduler, self.listen, self.broker, with_keys=self.keys is not None)
+    def place(self, folder: Path) -> AbstractContextManager[Place]:
+        """Where all runs, and can write to `folder`; a cluster is connected to as long as the context lasts."""
+        return place_of(self.scheduler, folder, self.listen, self.broker, with_keys=self.keys is not None)
 
 
 def run_deployment(
@@ -95,7 +95,7 @@ def run_deployment(
     They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
-    with options.place() as place, begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+    with options.place(out) as place, begun(out, run, "jouleswarm run", console, with_state=True) as directory:
         _deploy(scenario, run, directory, console, options, place)
     return directory.path
 
@@ -116,7 +116,7 @@ def resume_deployment(
         raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
-    with options.place() as place, Lock(path, "jouleswarm run --resume"):
+    with options.place(path) as place, Lock(path, "jouleswarm run --resume"):
         for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
             await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
         check_is_there(path)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from jouleswarm.common.bus.address import parse_url
-from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.errors import ConfigurationError, usable
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.names import client_of
 from jouleswarm.fleet.launcher import Launcher
@@ -49,44 +49,43 @@ class Place:
     def begun(
         self, run: Path, states: Path, restarts: int, told: Callable[[str], None], *, goes_on: bool
     ) -> Iterator[Remote | None]:
-        """What starts processes on the cluster's workers, and ends them with the context; None on this machine.
-
-        Raises:
-            ConfigurationError: not all workers see the run directory.
-        """
+        """What starts processes on the cluster's workers, and ends them with the context; None on this machine."""
         if self.client is None:
             yield None
             return
         from jouleswarm.fleet.remote import Remote
-        from jouleswarm.fleet.scheduler import check_shared
 
-        check_shared(self.client, run)
         with Remote(self.client, run, states, restarts, told, goes_on=goes_on) as remote:
             yield remote
 
 
 @contextlib.contextmanager
-def place_of(scheduler: str | None, listen: str | None, broker: str | None, *, with_keys: bool) -> Iterator[Place]:
+def place_of(
+    scheduler: str | None, folder: Path, listen: str | None, broker: str | None, *, with_keys: bool
+) -> Iterator[Place]:
     """Where a deployment goes by its options; a cluster is connected to as long as the context lasts.
+
+    `folder`: where all its processes are to write; made on a cluster.
 
     Raises:
         ConfigurationError: options that do not go together; a cluster that cannot be used.
     """
     if broker is not None and listen is not None:
         raise ConfigurationError("--listen is of the embedded broker, and with --broker there is none; leave one out")
+    asked, port = (None, 0) if listen is None else parse_listen(listen)
     if scheduler is None:
-        host, port = (_LOOPBACK, 0) if listen is None else parse_listen(listen)
-        yield Place((host, port), host or _LOOPBACK)
+        yield Place((_LOOPBACK if listen is None else asked, port), asked or _LOOPBACK)
         return
     from jouleswarm.fleet import scheduler as cluster  # Dask, which takes a second to load
 
     with cluster.cluster_of(scheduler) as client:
-        if broker is not None:
-            yield Place(client=client)
-            return
-        asked, port = (None, 0) if listen is None else parse_listen(listen)
-        host = asked or cluster.address_for(list(client.nthreads()))
-        cluster.check_protected(host, with_keys=with_keys, is_asked_for=listen is not None)
+        host = asked or _LOOPBACK
+        if broker is None:
+            host = asked or cluster.address_for(list(client.nthreads()))
+            cluster.check_protected(host, with_keys=with_keys, is_asked_for=listen is not None)
+        with usable("--out", folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            cluster.check_shared(client, folder)
         yield Place((host if listen is None else asked, port), host, client)
 
 

@@ -90,9 +90,9 @@ def check_shared(client: Client, folder: Path) -> None:
     blind = sorted(worker for worker, can in seen.items() if not can)
     if blind:
         raise ConfigurationError(
-            f"worker {blind[0]} does not see the run directory {folder.resolve()}, or may not write there "
-            f"({len(blind)} of {len(seen)} workers); robots go on from what they keep in it, so name with --out a "
-            "folder that this machine and all workers share, by the same path"
+            f"worker {blind[0]} does not see {folder.resolve()}, or may not write there ({len(blind)} of {len(seen)} "
+            "workers); robots go on from what they keep in the run directory, so name with --out a folder that this "
+            "machine and all workers share, by the same path"
         )
 
 

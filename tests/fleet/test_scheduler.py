@@ -79,9 +79,9 @@ def test_a_folder_that_a_worker_does_not_see_is_told(tmp_path: Path, monkeypatch
             check_shared(client, tmp_path)
 
 
-def test_a_place_to_listen_is_of_the_embedded_broker_alone() -> None:
+def test_a_place_to_listen_is_of_the_embedded_broker_alone(tmp_path: Path) -> None:
     told = pytest.raises(ConfigurationError, match="--listen is of the embedded broker")
-    with told, place_of(None, "127.0.0.1:0", "mqtt://h", with_keys=False):
+    with told, place_of(None, tmp_path, "127.0.0.1:0", "mqtt://h", with_keys=False):
         pass
-    with place_of(None, ":1883", None, with_keys=False) as place:
+    with place_of(None, tmp_path, ":1883", None, with_keys=False) as place:
         assert (place.listen, place.host, place.client) == ((None, 1883), "127.0.0.1", None)
