@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,8 @@ from typing import Any
 
 from distributed import Reschedule, get_worker, secede
 
-from jouleswarm.common.disk.lock import await_free
+from jouleswarm.common.disk.lock import is_held
+from jouleswarm.common.errors import RunError
 from jouleswarm.fleet.launcher import Launcher
 
 _LOOK_EVERY_S = 0.2
@@ -53,7 +54,7 @@ def run_group(group: Group) -> None:
     the worker is asked to leave, another one begins it anew.
 
     Raises:
-        RunError: a process ended with an error, or was killed too often.
+        RunError: a process ended with an error, or was killed too often, or still runs where it was before.
     """
     worker = get_worker()
     key = worker.get_current_task()
@@ -66,9 +67,8 @@ def run_group(group: Group) -> None:
             group.logs, group.restarts, lambda line: told(line=line), group.may_miss, f"fork-server-{group.name}"
         ) as launcher:
             launcher.meanwhile = look
+            _await_free(group, look, told)
             for name, (module, arguments) in group.processes.items():
-                # Of a worker that lost its way to the scheduler, and not yet its life.
-                await_free(group.states / name, _STATE_FREE_S, lambda line: told(line=line))
                 launcher.start(name, module, arguments)
             while launcher.is_at_work:
                 look()
@@ -77,6 +77,22 @@ def run_group(group: Group) -> None:
     except _NotWantedError:
         if worker.status.name not in _AT_WORK:
             raise Reschedule from None
+
+
+def _await_free(group: Group, look: Callable[[], None], told: Callable[..., None]) -> None:
+    """Wait for the processes of a worker that lost its way to the scheduler, and not yet its life."""
+    until_s, is_told = time.monotonic() + _STATE_FREE_S, False
+    while held := [name for name in group.processes if is_held(group.states / name)]:
+        names = ", ".join(held)
+        if time.monotonic() > until_s:
+            raise RunError(
+                f"{names}: still at work on a worker that the scheduler lost; end them, then --resume the run"
+            )
+        if not is_told:
+            told(line=f"waiting for {names} to end where it was before")
+            is_told = True
+        look()
+        time.sleep(_LOOK_EVERY_S)
 
 
 def _check_wanted(worker: Any, key: str) -> None:

@@ -11,6 +11,7 @@ from typing import Any, Self
 import pytest
 from distributed import Client, LocalCluster
 
+from jouleswarm.common.disk.lock import Lock
 from jouleswarm.common.errors import RunError
 from jouleswarm.fleet import worker as module
 from jouleswarm.fleet.remote import Remote
@@ -96,6 +97,19 @@ def test_a_process_that_fails_on_a_worker_ends_the_run_with_its_last_words(
             until(lambda: False, remote)
     (worker, *_) = sorted(client.nthreads())
     assert told == [f"worker {worker}: agent-1", f"worker {worker}: agent-1 was ended by SIGKILL; starting it again"]
+
+
+def test_a_group_waits_for_processes_that_still_hold_their_states_elsewhere(
+    client: Client, made_up: type[MadeUp], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    with Remote(client, tmp_path / "r", tmp_path / "state", 1, told.append, goes_on=False) as remote:
+        with Lock(tmp_path / "state" / "agent-1", "one that is cut off"):
+            remote.start({"agent-1": PROCESSES["agent-1"]})
+            until(lambda: len(told) == 2, remote)
+            assert told[1].endswith(": waiting for agent-1 to end where it was before")
+            assert not made_up.started
+        until(lambda: bool(made_up.started), remote)
 
 
 def test_what_a_worker_has_that_is_asked_to_leave_is_begun_again_on_another(
