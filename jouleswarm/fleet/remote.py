@@ -19,6 +19,7 @@ from jouleswarm.fleet.placement import placed
 from jouleswarm.fleet.worker import Group, run_group
 
 _END_S = 8.0
+_ALL = "all"  # Dask's own topic: workers that come and go
 
 
 class Remote:
@@ -49,7 +50,7 @@ class Remote:
         """
         self._client, self._run, self._states = client, run.resolve(), states.resolve()
         self._restarts, self._told, self._goes_on = restarts, told, goes_on
-        self._heard: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
+        self._heard: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._groups: dict[str, Group] = {}
         self._tasks: dict[str, Future] = {}
         self._where: dict[str, str] = {}
@@ -57,7 +58,8 @@ class Remote:
         self._topic = f"jouleswarm-{run.name}-{time.time_ns()}"
 
     def __enter__(self) -> Self:
-        self._client.subscribe_topic(self._topic, lambda event: self._heard.put(event[1]))
+        for topic in (self._topic, _ALL):
+            self._client.subscribe_topic(topic, self._hear)
         return self
 
     def __exit__(
@@ -70,7 +72,13 @@ class Remote:
                 await_free(self._states / name, max(0.0, deadline_s - time.monotonic()), lambda line: None)
             except ConfigurationError as held:
                 self._told(str(held))
-        self._client.unsubscribe_topic(self._topic)
+        for topic in (self._topic, _ALL):
+            self._client.unsubscribe_topic(topic)
+
+    def _hear(self, event: tuple[float, Any]) -> None:
+        # In Dask's thread.
+        if isinstance(event[1], dict):
+            self._heard.put(event[1])
 
     def start(self, processes: Mapping[str, tuple[str, list[str]]]) -> None:
         """Place processes on the workers that there are now, and have them started: name -> module and arguments.
@@ -124,17 +132,19 @@ class Remote:
             told = " ".join(str(error).split())
             raise RunError(f"{self._names(group)} on {self._where.get(group, 'a worker')}: {told}") from error
 
-    def _take(self, event: Mapping[str, str]) -> None:
-        group = event["group"]
-        if "line" in event:
-            self._told(f"worker {self._where.get(group)}: {event['line']}")
-            return
-        before, self._where[group] = self._where.get(group), event["began"]
-        if before is None:
-            self._told(f"worker {event['began']}: {self._names(group)}")
-            return
-        self._moved[group] += 1
-        self._told(f"worker {before} is gone; going on on {event['began']}: {self._names(group)}")
+    def _take(self, event: Mapping[str, Any]) -> None:
+        if event.get("action") == "remove-worker":
+            for group in (group for group, worker in self._where.items() if worker == event["worker"]):
+                self._told(f"worker {event['worker']} is gone; another one is to go on with {self._names(group)}")
+        elif "line" in event:
+            self._told(f"worker {self._where[event['group']]}: {event['line']}")
+        elif "began" in event:
+            self._begun(event["group"], event["began"])
+
+    def _begun(self, group: str, worker: str) -> None:
+        is_moved, self._where[group] = group in self._where, worker
+        self._moved[group] += is_moved
+        self._told(f"worker {worker}{' goes on with' if is_moved else ':'} {self._names(group)}")
         if self._moved[group] > self._restarts:
             raise RunError(f"{self._names(group)}: moved to another worker {self._moved[group]} times")
 
