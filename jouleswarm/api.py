@@ -46,11 +46,13 @@ def run(
     run_id: str | None = None,
     broker: str | None = None,
     keys: str | Path | None = None,
+    scheduler: str | None = None,
+    listen: str | None = None,
     restarts: int = RESTARTS,
     durable: bool = False,
     show: bool = True,
 ) -> Run:
-    """Run a scenario on this machine, as `jouleswarm run` does; ends with the run.
+    """Run a scenario, as `jouleswarm run` does; ends with the run.
 
     Ctrl-C, or a notebook's stop, ends every process and leaves a readable run directory.
 
@@ -63,6 +65,8 @@ def run(
         run_id: name of the run and of its directory; default one that no other run has.
         broker: URL of a broker to use in place of an embedded one.
         keys: folder that all take user, password and certificates from.
+        scheduler: of a Dask cluster on whose workers robots and data center run; `out` is on a disk that they share.
+        listen: HOST:PORT that the embedded broker listens on.
         restarts: how often each process that was killed is started again.
         durable: whether each round is on the disk, for a power failure.
         show: whether it is shown how the run goes.
@@ -77,6 +81,8 @@ def run(
     started = Options(
         broker=broker,
         keys=None if keys is None else Path(keys),
+        scheduler=scheduler,
+        listen=listen,
         restarts=restarts,
         durable=durable,
         view=View if show else None,

@@ -26,6 +26,12 @@ ScenarioFile = Annotated[Path, SCENARIO]
 Seed = Annotated[int | None, typer.Option(help="Seed in place of the scenario's.")]
 Out = Annotated[Path, typer.Option(envvar="JOULESWARM_OUT", help="Folder for run directories.")]
 RunId = Annotated[str | None, typer.Option(envvar="JOULESWARM_RUN", help="Name of the run and of its directory.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="tcp://HOST:PORT", envvar="JOULESWARM_SCHEDULER", help="Run on the workers of this Dask scheduler."
+    ),
+]
 
 EnergyOption = Annotated[
     list[str] | None,

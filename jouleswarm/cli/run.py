@@ -30,6 +30,7 @@ from jouleswarm.cli.options import (
     Rounds,
     RunId,
     ScenarioFile,
+    Scheduler,
     Seed,
     ShowPage,
     Tensorboard,
@@ -40,6 +41,14 @@ from jouleswarm.common.options import BrokerOption, KeysOption, OtherProcessorOp
 
 _Broker = Annotated[
     str | None, typer.Option(envvar="JOULESWARM_BROKER", help="Use this broker (mqtt://...), not an embedded one.")
+]
+_Listen = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HOST:PORT",
+        help="Where the embedded broker listens, by the address that its clients know it by; port 0: a free one; :PORT "
+        "is every address. Default: where its own processes, and nobody else, reach it.",
+    ),
 ]
 
 
@@ -52,6 +61,18 @@ def _present(path: Path, figures: Sequence[str], details: bool) -> None:
         print_bill(path, details=details, html=bool(figures), figures=figures)
 
 
+def _check_given(
+    scenario: Path | None, resume: Path | None, anew: Sequence[object], *, dry: bool, rounds: int | None
+) -> None:
+    """Whether options go together; `anew`: of those that are of a new run alone, what is given."""
+    if (scenario is None) == (resume is None):
+        raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
+    if (dry and scenario is None) or (rounds is not None and not dry):
+        raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
+    if scenario is None and any(each is not None for each in anew):
+        raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
+
+
 def run(
     scenario: Annotated[Path | None, SCENARIO] = None,
     seed: Seed = None,
@@ -62,6 +83,8 @@ def run(
     run_id: RunId = None,
     broker: _Broker = None,
     keys: KeysOption = None,
+    scheduler: Scheduler = None,
+    listen: _Listen = None,
     figures: Figures = DEFAULT,
     no_figures: NoFigures = False,
     resume: Resume = None,
@@ -77,8 +100,10 @@ def run(
     details: Details = False,
     page: ShowPage = False,
 ) -> None:
-    """Run a scenario on this machine: broker, data center and robots as processes, then the bill.
+    """Run a scenario: broker, data center and robots as processes, then the bill.
 
+    All run on this machine, or all but the broker on the workers of a Dask cluster: --scheduler tcp://HOST:8786, with
+    --out on a disk that all of them share (docs/distributed.md).
     Ctrl-C ends every process and leaves a readable run directory, which --resume goes on with. A complete one that was
     run with --keep-state goes on with more rounds: --resume RUN --set federation.max_rounds=80.
     """
@@ -88,15 +113,10 @@ def run(
     from jouleswarm.report.view import View
     from jouleswarm.runs.files import read_manifest
 
-    if (scenario is None) == (resume is None):
-        raise typer.BadParameter("expected a scenario file, or --resume RUN_DIRECTORY, and not both")
+    _check_given(scenario, resume, (seed, run_id, energy, measure or None), dry=dry, rounds=rounds)
     if scenario is not None and dry:
         validate(scenario, seed, set_, energy, rounds)
         return
-    if dry or rounds is not None:
-        raise typer.BadParameter("--dry is of a scenario, and --rounds of --dry")
-    if scenario is None and (seed is not None or run_id is not None or energy is not None or measure):
-        raise typer.BadParameter("--resume goes on with a run as begun: no --seed, --run-id, --energy or --measure")
     changes = [*energy_file(energy), *(["measure.energy=true"] if measure else ()), *overrides(set_, seed)]
     settings = None if scenario is None else load_scenario(scenario, changes)
     _ = resume and read_manifest(resume)
@@ -105,7 +125,8 @@ def run(
     name = "" if settings is None else run_id or new_run_id(settings)
     where = resume or out / name
     with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
-        started = Options(broker, keys, restarts, durable, other_processor, keep_state, view=also.beside(View))
+        view = also.beside(View)
+        started = Options(broker, keys, restarts, durable, other_processor, keep_state, None, view, scheduler, listen)
         if settings is None:
             resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
         else:

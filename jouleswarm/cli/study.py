@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from jouleswarm.cli.options import EnergyOption, Figures, ScenarioFile
+from jouleswarm.cli.options import EnergyOption, Figures, ScenarioFile, Scheduler
 from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import SetOption
 from jouleswarm.studies.names import STUDIES, StudyName
@@ -47,9 +47,6 @@ Methods = Annotated[
     str | None, typer.Option(help="Methods, with commas between; fl is always among them. Default: the study's own.")
 ]
 Workers = Annotated[int, typer.Option(help="Deployments at a time, on this machine.")]
-Scheduler = Annotated[
-    str | None, typer.Option(envvar="JOULESWARM_SCHEDULER", help="A Dask scheduler of yours: tcp://HOST:8786.")
-]
 Work = Annotated[Path | None, typer.Option(help="Folder for run directories. Default: runs/study-NAME-PROFILE.")]
 Results = Annotated[
     Path | None,

@@ -85,8 +85,10 @@ class Attendance:
         ]
         return [f"{what} ({quiet_s:.0f} s)" for quiet_s, what in sorted([*told.values(), *silent], reverse=True)]
 
-    def check(self, waiting_for: Collection[str], has_all_of: Collection[str]) -> None:
+    def check(self, waiting_for: Collection[str], has_all_of: Collection[str], *, restarted: bool = False) -> None:
         """Notice a process that died and has not come back; one that has handed in all may.
+
+        `restarted`: those who are gone are started again, elsewhere perhaps, however long that takes.
 
         Raises:
             RunError: one has been gone for longer than a lost connection may take to be won back, or nothing has been
@@ -98,7 +100,7 @@ class Attendance:
                 self._patience.ask(silent, ", ".join(silent))
             else:
                 self._patience.end()
-        if self._scenario.federation.on_missing == "proceed":
+        if restarted or self._scenario.federation.on_missing == "proceed":
             return
         for client, since_s in self._gone.items():
             if client not in has_all_of and self.elapsed_s - since_s > self._scenario.bus.connect_timeout_s:

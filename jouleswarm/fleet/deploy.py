@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,7 @@ from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.more_rounds import MoreRounds, has_ends
 from jouleswarm.fleet.packages import command_of
+from jouleswarm.fleet.place import Place, place_of, processes_of
 from jouleswarm.fleet.recorder import CLIENT, Recorder
 from jouleswarm.fleet.recording import Intruder, Viewing, begun, recording, say_where, shown, watch
 from jouleswarm.fleet.resume import check_is_there
@@ -72,6 +73,14 @@ class Options:
     """Who may interfere."""
     view: Viewing | None = None
     """What shows the run while it goes on."""
+    scheduler: str | None = None
+    """Address of the Dask scheduler on whose workers robots and data center run; None: on this machine."""
+    listen: str | None = None
+    """HOST:PORT that the embedded broker listens on; None: where its processes, and nobody else, can reach it."""
+
+    def place(self, folder: Path) -> AbstractContextManager[Place]:
+        """Where all runs, and can write to `folder`; a cluster is connected to as long as the context lasts."""
+        return place_of(self.scheduler, folder, self.listen, self.broker, with_keys=self.keys is not None)
 
 
 def run_deployment(
@@ -81,13 +90,13 @@ def run_deployment(
     console: Console,
     options: Options = Options(),  # it is frozen
 ) -> Path:
-    """Run a scenario in processes of its own on this machine; returns the run directory.
+    """Run a scenario in processes of its own, on this machine or a cluster's; returns the run directory.
 
     They read the scenario from the manifest there, so that nothing that happens to the user's file changes the run.
     """
     _check(scenario, options)  # before anything is written
-    with begun(out, run, "jouleswarm run", console, with_state=True) as directory:
-        _deploy(scenario, run, directory, console, options)
+    with options.place(out) as place, begun(out, run, "jouleswarm run", console, with_state=True) as directory:
+        _deploy(scenario, run, directory, console, options, place)
     return directory.path
 
 
@@ -107,12 +116,13 @@ def resume_deployment(
         raise RunError(f"run {path}: {other}; go on with the version that began it")
     if not (path / STATE).is_dir():
         raise ConfigurationError(f"run {path}: has no {STATE}/: it is complete, or was only recorded; see its report")
-    with Lock(path, "jouleswarm run --resume"):
+    with options.place(path) as place, Lock(path, "jouleswarm run --resume"):
         for folder in sorted((path / STATE).iterdir()):  # a launcher that was killed may have been outlived
             await_free(folder, _WAIT_FOR_CHILDREN_S, partial(console.print, highlight=False))
         check_is_there(path)
         check_states(path / STATE)
-        _check_processor(manifest, path, options, console)
+        if options.scheduler is None:  # else each process looks itself, where it is
+            _check_processor(manifest, path, options, console)
         with usable("run directory", path):
             directory = RunDirectory(path, resume=True, state=path / STATE / CLIENT)
         if more is not None:
@@ -120,7 +130,7 @@ def resume_deployment(
         scenario = load_scenario(held)
         _check(scenario, options)
         say_where(directory, console)
-        _deploy(scenario, manifest["run"], directory, console, options)
+        _deploy(scenario, manifest["run"], directory, console, options, place)
     return path
 
 
@@ -177,6 +187,7 @@ def _deploy(
     directory: RunDirectory,
     console: Console,
     options: Options,
+    place: Place,
 ) -> None:
     state, intruder = directory.path / STATE, options.intruder
     keeps_ends = options.keep_state or has_ends(directory.path)  # also of a run that is gone on with
@@ -194,11 +205,12 @@ def _deploy(
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
             )
         )
+        remote = stack.enter_context(place.begun(directory.path, state, options.restarts, told, goes_on=goes_on))
         if scenario.measure.energy:
             console.print(how_measured(scenario.measure), highlight=False, markup=False, soft_wrap=True)
         broker_log = BrokerLog(directory.path / "logs" / "broker.log", told)
         stack.callback(broker_log.show)
-        url = options.broker or _embedded_broker(launcher, console, ["--state", str(state / "broker"), *keys])
+        url = options.broker or place.broker(launcher, console, ["--state", str(state / "broker"), *keys])
         embedded, credentials = options.broker is None, credentials_of(options.keys, CLIENT)
         recorder_at_work = recording(
             scenario, url, run, directory, console, credentials, state, embedded=embedded, launcher=launcher
@@ -209,15 +221,16 @@ def _deploy(
         launcher.meanwhile = partial(_look, recorder, show)
         held = ["--scenario", str((directory.path / MANIFEST).resolve())]
         common = ["--broker", line, *keys, "--run", run, *held, "--keep-state", "--quiet"]
-        common += ["--durable"] if options.durable else []
+        common += ["--durable"] if options.durable or remote else []  # another machine sees what is on the disk
         common += ["--other-processor"] if options.other_processor else []
         common += ["--keep-ends"] if keeps_ends else []
-        if scenario.needs_datacenter:
-            launcher.start(DATA_CENTER, "jouleswarm.datacenter", [*common, "--state", str(state / DATA_CENTER)])
-        for agent in scenario.agents:
-            name = f"agent-{agent}"
-            launcher.start(name, "jouleswarm.agents", ["--id", str(agent), *common, "--state", str(state / name)])
-        watch(recorder, show, launcher, intruder, broker_log)
+        processes = processes_of(scenario, state.resolve(), common)
+        if remote is None:
+            for name, (module, arguments) in processes.items():
+                launcher.start(name, module, arguments)
+        else:
+            remote.start(processes)
+        watch(recorder, show, launcher, intruder, broker_log, None if remote is None else remote.check)
     if not keeps_ends:
         shutil.rmtree(state)
 
@@ -233,9 +246,3 @@ def _tell(console: Console, run: Path, line: str) -> None:
     console.print(line, highlight=False, markup=False, soft_wrap=True)
     with suppress(OSError):  # nobody's bill is of it: no reason to end a run
         note_event(run, Event(time_s=round(time.time(), 3), text=line))
-
-
-def _embedded_broker(launcher: Launcher, console: Console, options: list[str]) -> str:
-    ready = launcher.start_broker(options)
-    console.print(f"broker {ready['url']}, metrics {ready['metrics']}", highlight=False)
-    return ready["url"]

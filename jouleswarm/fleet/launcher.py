@@ -22,7 +22,6 @@ from jouleswarm.fleet.packages import command_of
 
 _GRACE_S = 2.0
 _BROKER_START_S = 60.0
-_FORK_SERVER = "fork-server"
 _ARITHMETIC_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -35,12 +34,14 @@ class Launcher:
         restarts: int = 0,
         told: Callable[[str], None] = lambda line: None,
         may_miss: Callable[[str], bool] = lambda name: False,
+        fork_server: str = "fork-server",
     ) -> None:
         """A process that a signal has ended is started again up to `restarts` times, and `told` in a line.
 
-        Then that is an error, unless the others go on without it: `may_miss`.
+        Then that is an error, unless the others go on without it: `may_miss`. `fork_server`: name of its log.
         """
         self._logs, self._restarts, self._told, self._may_miss = logs, restarts, told, may_miss
+        self._fork_server = fork_server
         self.meanwhile: Callable[[], None] = lambda: None
         """Called again and again while a process is started."""
         self._missed: set[str] = set()
@@ -116,7 +117,7 @@ class Launcher:
             RunError: the fork server ended, or does not answer.
         """
         if self._server is None:
-            self._server = ForkServer(self._log(_FORK_SERVER))
+            self._server = ForkServer(self._log(self._fork_server))
         self._children[name] = self._server.start(Order(module, arguments, str(self._log(name))), self.meanwhile)
         self._commands[name] = module, arguments
 
@@ -157,8 +158,8 @@ class Launcher:
         self._server.listen(0)
         if self._server.is_gone:
             told = self._server.told_end()
-            self._restarted[_FORK_SERVER] += 1
-            if self._restarted[_FORK_SERVER] > self._restarts:
+            self._restarted[self._fork_server] += 1
+            if self._restarted[self._fork_server] > self._restarts:
                 raise RunError(told)
             self._told(f"{told}; starting it and its processes again")
             self._server.close()
@@ -180,6 +181,11 @@ class Launcher:
             self._run_broker(self._broker_command)
         else:
             self.start(name, *self._commands[name])
+
+    @property
+    def is_at_work(self) -> bool:
+        """Whether a process has not ended well yet, but for those that others go on without."""
+        return any(child.exitcode != 0 for name, child in self._children.items() if name not in self._missed)
 
     @property
     def pids(self) -> dict[str, int]:

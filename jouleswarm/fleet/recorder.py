@@ -126,14 +126,14 @@ class Recorder:
         while (left_s := until - time.monotonic()) > 0 and self._listener.take_next(left_s):
             pass
 
-    def check(self) -> None:
-        """Notice a process that died and has not come back.
+    def check(self, *, restarted: bool = False) -> None:
+        """Notice a process that died and has not come back; `restarted`: somebody else sees to it that it does.
 
         Raises:
             RunError: one has been gone for longer than a lost connection may take to be won back, or nothing has been
                 heard of it for too long (federation.give_up_after_s).
         """
-        self._attendance.check(self.waiting_for, self._reports.whole)
+        self._attendance.check(self.waiting_for, self._reports.whole, restarted=restarted)
 
     @property
     def _clients(self) -> list[str]:

@@ -173,13 +173,16 @@ def watch(
     launcher: Launcher | None = None,
     intruder: Intruder | None = None,
     broker_log: BrokerLog | None = None,
+    check: Callable[[], None] | None = None,
 ) -> None:
-    """Until all have handed in what they counted."""
+    """Until all have handed in what they counted; `check` sees to processes elsewhere, and to who died there."""
     while recorder.waiting_for:
         recorder.pump(_PUMP_S if intruder is None else intruder.tick_s)
-        recorder.check()
+        recorder.check(restarted=check is not None)
         if launcher is not None:
             launcher.check()
+        if check is not None:
+            check()
         if intruder is not None:
             intruder.tick()
         if broker_log is not None:

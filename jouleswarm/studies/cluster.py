@@ -14,12 +14,12 @@ import dask
 from distributed import Client, LocalCluster
 
 from jouleswarm.common.errors import StudyError
+from jouleswarm.fleet.scheduler import client_of
 
 _CONFIG: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0,  # a job that took its worker down would take the next one down too
     "distributed.worker.use-file-locking": False,
 }
-_CONNECT_TIMEOUT_S = 30
 _SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -32,7 +32,7 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
     """
     with dask.config.set(_CONFIG):
         if scheduler is not None:
-            with _client_of(scheduler) as client:
+            with client_of(scheduler, StudyError) as client:
                 yield client
         else:
             with _safe_path(), _local_cluster(workers) as cluster, Client(cluster) as client:
@@ -70,12 +70,3 @@ def _local_cluster(workers: int) -> LocalCluster:
         )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _client_of(scheduler: str) -> Client:
-    try:
-        return Client(scheduler, timeout=_CONNECT_TIMEOUT_S)
-    except (OSError, ValueError) as error:
-        raise StudyError(
-            f"no Dask scheduler answered at {scheduler!r} ({error}); expected an address like tcp://HOST:8786"
-        ) from error
