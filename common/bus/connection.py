@@ -120,7 +120,10 @@ class Connection:
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         with self._changed:
             unanswered = tuple(filter_ for filters in self._asked.values() for filter_ in filters)
-            self._unanswered = self._unanswered + 1 if unanswered else self._unanswered
+            if unanswered:
+                self._unanswered += 1
+                # A cluster may have what it keeps by the old id on a node that is down (RabbitMQ: the queue).
+                self._paho.rename(wire_id(self.client))
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
                 self._why_lost = f"connection lost: {reason}"
