@@ -44,6 +44,7 @@ prepare() { # node
 listeners.tcp.1 = 127.0.0.1:$RABBITMQ_NODE_PORT
 mqtt.listeners.tcp.1 = 127.0.0.1:$((PORT + $1))
 mqtt.allow_anonymous = true
+mqtt.subscription_ttl = 600000
 cluster_formation.peer_discovery_backend = classic_config
 cluster_formation.classic_config.nodes.1 = node1@localhost
 cluster_formation.classic_config.nodes.2 = node2@localhost
@@ -91,7 +92,9 @@ status) settings 1 && for node in 1 2 3; do settings "$node"; "$RABBIT/rabbitmqc
 stop)
   end "$FOLDER/haproxy.pid" -15
   for node in 1 2 3; do end "$FOLDER/$node/pid" -9; done
-  ERL_EPMD_PORT="$ERL_EPMD_PORT" epmd -kill >/dev/null 2>&1 || true
+  for _ in 1 2 3 4 5 6 7 8 9 10; do # the daemon of names stays until it has noticed that the nodes are gone
+    epmd -kill 2>&1 | grep -q Killed && break || sleep 0.3
+  done
   rm -rf "$FOLDER"
   ;;
 *)

@@ -158,7 +158,7 @@ class FastClient(ReadingClient):
             self._ping_t = now_s
 
     def rename(self, client_id: str) -> None:
-        """Connect by another MQTT client id from the next time on; its sessions are clean, so nothing is left behind."""
+        """Connect by another MQTT client id from the next time on: sessions are clean, nothing is left behind."""
         self._client_id = client_id.encode()
 
     def _create_socket(self) -> Any:
