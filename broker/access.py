@@ -157,8 +157,8 @@ class Guard:
             return encoded
         try:
             async with asyncio.timeout(self._timeout_s), self._turns:
-                if (wait_s := self._attempts.wait_s(source, time.monotonic())) > 0:
-                    told = f"too many logins from {source} have failed: none is looked at for {wait_s:.1f} s"
+                if self._attempts.must_wait(source, time.monotonic()):
+                    told = f"too many logins from {source} have failed: none is looked at for a while"
                     raise Refused(UNAVAILABLE, told, "refused_too_often")
                 loop = asyncio.get_running_loop()
                 is_right = await loop.run_in_executor(self._threads, self._verify, encoded or self._nobody, password)

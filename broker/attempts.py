@@ -16,9 +16,9 @@ class Attempts:
     def __init__(self) -> None:
         self._empty_at_s: OrderedDict[str, float] = OrderedDict()
 
-    def wait_s(self, source: str, now_s: float) -> float:
-        """How long a login of this address is not looked at, seconds; 0 where it is at once."""
-        return max(0.0, self._empty_at_s.get(source, now_s) - now_s - (AT_ONCE - 1) * EVERY_S)
+    def must_wait(self, source: str, now_s: float) -> bool:
+        """Whether a login of this address is not looked at yet."""
+        return self._empty_at_s.get(source, now_s) > now_s + (AT_ONCE - 1) * EVERY_S
 
     def failed(self, source: str, now_s: float) -> None:
         """Note that a login of this address has failed."""

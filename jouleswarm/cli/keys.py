@@ -87,12 +87,12 @@ def remove(
     \b
     Example:
       jouleswarm keys remove agent-3 --out keys
-      kill -HUP $(pgrep -f jouleswarm.broker)
+      kill -HUP PROCESS    # of the broker
     """
     from jouleswarm.fleet.keys import remove_keys
 
     remove_keys(out, clients)
     print(
-        f"{out}: {', '.join(clients)} taken out, keys and all. A broker that is running goes by it when it hears "
-        "SIGHUP:\n  kill -HUP $(pgrep -f jouleswarm.broker)"
+        f"{out}: {', '.join(clients)} taken out, keys and all. A broker that is running goes by it from SIGHUP on:\n"
+        "  kill -HUP PROCESS"
     )
