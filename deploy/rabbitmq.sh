@@ -29,6 +29,7 @@ settings() { # node; sets the environment of the node's programs
   export RABBITMQ_NODE_PORT="$((PORT + 3 + $1))" RABBITMQ_DIST_PORT="$((PORT + 6 + $1))"
   export RABBITMQ_MNESIA_BASE="$own/data" RABBITMQ_LOG_BASE="$own/log" RABBITMQ_CONFIG_FILE="$own/rabbitmq"
   export RABBITMQ_ENABLED_PLUGINS_FILE="$own/plugins" RABBITMQ_GENERATED_CONFIG_DIR="$own/generated"
+  export RABBITMQ_SERVER_ADDITIONAL_ERL_ARGS="-kernel inet_dist_use_interface {127,0,0,1}"
 }
 run() { # node; starts it, and returns when it is there
   settings "$1"
