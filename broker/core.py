@@ -10,7 +10,8 @@ from amqtt.events import BrokerEvents
 from amqtt.session import Session
 from amqtt.utils import gen_client_id
 
-from jouleswarm.broker.access import Guard, Refused
+from jouleswarm.broker.access import BAD_CREDENTIALS, Grants, Guard, Refused
+from jouleswarm.broker.attempts import source_of
 from jouleswarm.broker.connection import Connection
 from jouleswarm.broker.errors import MalformedPacket, NotAccepted, PeerGone
 from jouleswarm.broker.handler import ClientHandler
@@ -24,6 +25,7 @@ from jouleswarm.common.wire.mqtt import packet_bytes
 
 logger = logging.getLogger("broker")
 
+NO_USER = "its user is one no longer, or has another password"
 CONNECT_BYTES = 512 * 1024  # five strings of 64 KB and some
 
 
@@ -32,7 +34,7 @@ class SwarmBroker(MessageBroker):
 
     def __init__(self, limits: Limits, meter: BrokerMeter, guard: Guard | None = None) -> None:
         super().__init__(limits, meter)
-        self._guard = guard
+        self.guard = guard
 
     async def chores(self) -> None:
         """Wait for amqtt's own tasks (sessions that expire), which only a failure ends."""
@@ -40,6 +42,20 @@ class SwarmBroker(MessageBroker):
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             task.result()
+
+    async def take_out(self) -> None:
+        """After users or rights have changed: end who is no user any more, with its session and what waits for it."""
+        self._routes.forget()
+        for session, handler in tuple(self._sessions.values()):
+            if session.grants is None or session.grants.hold:
+                continue
+            if handler in self.handlers:
+                session.clean_session = True  # which ends with its connection
+                self.meter.refused("dropped_taken_out", f"client {name_of(session.client_id)} dropped: {NO_USER}")
+                logger.warning("client %s dropped: %s", session.client_id, NO_USER)
+                handler.connection.abort(NO_USER)
+            else:
+                await self._delete_session(session.client_id)
 
     async def serve(self, connection: Connection) -> None:
         """The whole life of one connection, from CONNECT on."""
@@ -49,11 +65,16 @@ class SwarmBroker(MessageBroker):
                 first, body, cost_bytes = await connection.reader.read_packet(CONNECT_BYTES)
             self.budget.release(cost_bytes)
             session = self._new_session(parse_connect(first, body), connection)
-            if await self._is_admitted(session, connection):
-                await self._attend(session, connection, packet_bytes(len(body)))
+            session.grants = await self._admit(session, connection)
+            session.password = session.ssl_object = None  # a persistent session outlives its connection
+            await self._attend(session, connection, packet_bytes(len(body)))
         except TimeoutError:
             reason = f"no CONNECT within {self.limits.connect_timeout_s:g} s"
             self._refuse(connection, "refused_connect_timeout", reason)
+        except Refused as error:
+            self.meter.refused(error.event, str(error))
+            logger.warning("connection from %s:%d refused: %s", *connection.peer, error)
+            await self._answer(connection, error.code)
         except NotAccepted as error:
             await self._answer(connection, error.code)
             self._refuse(connection, error.event, str(error))
@@ -90,6 +111,8 @@ class SwarmBroker(MessageBroker):
 
     async def _attend(self, session: Session, connection: Connection, connect_bytes: int) -> None:
         session = await self._adopt(session)
+        if session.grants is not None and not session.grants.hold:  # taken out meanwhile
+            raise Refused(BAD_CREDENTIALS, f"user {session.username!r}: {NO_USER}")
         handler = ClientHandler(self, connection, session)
         self.meter.control(session.client_id, "in", connect_bytes)
         if self.meter.by_rule is not None:
@@ -108,19 +131,12 @@ class SwarmBroker(MessageBroker):
         finally:
             await self._leave(session, handler)
 
-    async def _is_admitted(self, session: Session, connection: Connection) -> bool:
-        """Whether the client may connect; one that may not is told why not, and goes."""
-        if self._guard is None:
-            return True
-        try:
-            session.grants = await self._guard.admit(session, partial(self._not_permitted, session.client_id))
-        except Refused as refused:
-            self.meter.refused("refused_not_authorized", str(refused))
-            logger.warning("connection from %s:%d refused: %s", *connection.peer, refused)
-            await self._answer(connection, refused.code)
-            return False
-        session.password = session.ssl_object = None  # a persistent session outlives its connection
-        return True
+    async def _admit(self, session: Session, connection: Connection) -> Grants | None:
+        """What the client may do, without a guard everything. Raises Refused."""
+        if self.guard is None:
+            return None
+        told = partial(self._not_permitted, session.client_id)
+        return await self.guard.admit(session, source_of(connection.peer[0]), told)
 
     def _not_permitted(self, client_id: str, what: str) -> None:
         self.meter.refusals.add(f"client {name_of(client_id)} may not {what}: no right for it in the rights file")

@@ -44,10 +44,12 @@ class Options(BaseModel):
     users: Path | None = Field(
         None,
         json_schema_extra=_FILE,
-        description="Users: lines NAME:HASH, argon2id. A client's id must be its user's name.",
+        description="Users: lines NAME:HASH, argon2id. A client's id must be its user's name. SIGHUP reads them anew.",
     )
     rights: Path | None = Field(
-        None, json_schema_extra=_FILE, description="What each user may publish and read, as in Mosquitto's acl_file."
+        None,
+        json_schema_extra=_FILE,
+        description="What each user may publish and read, as in Mosquitto's acl_file; read anew too.",
     )
     metrics_port: int = Field(9883, ge=0, le=65535, description="Prometheus port; 0 = a free one.")
     metrics: bool = Field(True, description="Serve Prometheus metrics.")

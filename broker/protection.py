@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from jouleswarm.broker.access import Guard, load_guard
+from jouleswarm.broker.access import Guard
 from jouleswarm.broker.options import Options
 from jouleswarm.broker.tls import TlsFiles
 from jouleswarm.common.bus import credentials as folder
@@ -33,7 +33,7 @@ def protection_of(options: Options) -> tuple[TlsFiles | None, Guard | None]:
         readable = [path for path in (key, users) if path is not None and folder.is_exposed(path)]
         folder.warn_of(readable, f"chmod go= {' '.join(map(str, readable))}")
     tls = TlsFiles(certificate, key, client_ca) if certificate is not None and key is not None else None
-    guard = load_guard(users, rights, options.connect_timeout_s) if users is not None and rights is not None else None
+    guard = Guard(users, rights, options.connect_timeout_s) if users is not None and rights is not None else None
     return tls, guard
 
 

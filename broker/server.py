@@ -26,6 +26,7 @@ from jouleswarm.broker.exporter import start_exporter
 from jouleswarm.broker.limits import Limits
 from jouleswarm.broker.lines import tell
 from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.rereading import read_anew
 from jouleswarm.broker.tls import TlsFiles
 from jouleswarm.common.allocator import keep_freed_memory
 from jouleswarm.common.bus.paho_client import name_of
@@ -97,8 +98,9 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         meter = _meter(settings, by_user=guard is not None)
         broker = SwarmBroker(settings.limits, meter, guard)
         meter.on_failure = fail
-        if meter.by_rule is not None:
-            on_hangup(lambda: _read_rules(meter, settings.links), ended.set)
+        heard = asyncio.Event()
+        if meter.by_rule is not None or guard is not None:
+            on_hangup(heard.set, ended.set)
         if guard:
             stack.callback(guard.close)
         listener = stack.enter_context(_listen(settings.host, settings.port))
@@ -115,7 +117,15 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         try:
-            await _work(ended, watch(broker), age(broker), tell(broker), publisher.run(), broker.chores())
+            await _work(
+                ended,
+                watch(broker),
+                age(broker),
+                tell(broker),
+                publisher.run(),
+                broker.chores(),
+                read_anew(heard, broker),
+            )
         except ExceptionGroup as failed:
             logger.exception("a part of the broker has failed")
             first = failed.exceptions[0]
@@ -138,13 +148,6 @@ def _meter(settings: Settings, *, by_user: bool) -> BrokerMeter:
     folder = settings.state and settings.state / RULED
     by_rule = RuleMeter(settings.links, folder, by_user=by_user)
     return BrokerMeter(folder=settings.state, by_rule=by_rule)
-
-
-def _read_rules(meter: BrokerMeter, links: Path | None) -> None:
-    try:
-        logger.warning("%d rules of %s from now on", meter.read_rules(), links)
-    except ConfigurationError as error:
-        logger.warning("%s; the rules before stay", error)
 
 
 async def _work(ended: asyncio.Event, *jobs: Coroutine[Any, Any, None]) -> None:

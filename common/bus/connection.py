@@ -21,6 +21,7 @@ from jouleswarm.common.meter.meter import Meter
 from jouleswarm.common.wire import topics
 
 RECONNECT_MIN_S, RECONNECT_MAX_S = 0.1, 2.0
+DOUBTED = CONNECTIONS // 2  # unanswered SUBSCRIBEs after which the next is asked for less, and by another client id
 CONNECT_ATTEMPT_MIN_S, CONNECT_ATTEMPT_MAX_S = 3.0, 10.0  # at most as long as the broker waits for a CONNECT
 
 
@@ -61,7 +62,7 @@ class Connection:
     def _ask(self, filters: tuple[str, ...]) -> None:
         asked = [(filter_, self._filters[filter_]) for filter_ in filters]
         # A broker that tells none, or not to this client, is as good; one may close the connection at the question.
-        if not self._asked_for_limits and self._unanswered < CONNECTIONS // 2:
+        if not self._asked_for_limits and self._unanswered < DOUBTED:
             asked.append((topics.BROKER_LIMITS, 0))
             self._asked_for_limits = True
         mid = self._paho.subscribe(asked)[1]
@@ -121,6 +122,9 @@ class Connection:
         with self._changed:
             unanswered = tuple(filter_ for filters in self._asked.values() for filter_ in filters)
             self._unanswered = self._unanswered + 1 if unanswered else self._unanswered
+            if self._unanswered >= DOUBTED:
+                # A cluster may keep what belongs to the old id on a node that is down (RabbitMQ: its queue).
+                self._paho.rename(wire_id(self.client))
             if self._connected:
                 self._connected, self._lost_at_s = False, time.monotonic()
                 self._why_lost = f"connection lost: {reason}"

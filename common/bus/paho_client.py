@@ -157,6 +157,10 @@ class FastClient(ReadingClient):
         if self._ping_t > 0:
             self._ping_t = now_s
 
+    def rename(self, client_id: str) -> None:
+        """Connect by another MQTT client id from the next time on: sessions are clean, nothing is left behind."""
+        self._client_id = client_id.encode()
+
     def _create_socket(self) -> Any:
         try:
             sock = super()._create_socket()

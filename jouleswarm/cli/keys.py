@@ -1,4 +1,4 @@
-"""The command line of keys: `jouleswarm keys init`."""
+"""The command line of keys: `jouleswarm keys init` and `jouleswarm keys remove`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,6 @@ from jouleswarm.common.invoked import executable, python
 from jouleswarm.common.options import SetOption
 
 keys = typer.Typer(no_args_is_help=True, help="Keys for a broker that lets in only who may come, over TLS.")
-
-
-@keys.callback()
-def _group() -> None:
-    pass  # so that `init` is a command by name, although the only one
 
 
 @keys.command()
@@ -77,4 +72,27 @@ def init(
         f"  {executable()} record {scenario} {there}\n"
         f"  {python()} -m jouleswarm.datacenter --scenario {scenario} {there}\n"
         f"  {python()} -m jouleswarm.agents --id 1 --scenario {scenario} {there}"
+    )
+
+
+@keys.command()
+def remove(
+    clients: Annotated[list[str], typer.Argument(metavar="NAME...", help="Clients to take out, such as agent-3.")],
+    out: Annotated[Path, typer.Option(help="The folder of keys, where the broker reads it.")] = Path("keys"),
+) -> None:
+    """Take clients out of a folder of keys: the broker lets them in no more, whatever they still hold.
+
+    A broker that is running ends their connections when it hears SIGHUP, and goes on for all others.
+
+    \b
+    Example:
+      jouleswarm keys remove agent-3 --out keys
+      kill -HUP PROCESS    # of the broker
+    """
+    from jouleswarm.fleet.keys import remove_keys
+
+    remove_keys(out, clients)
+    print(
+        f"{out}: {', '.join(clients)} taken out, keys and all. A broker that is running goes by it from SIGHUP on:\n"
+        "  kill -HUP PROCESS"
     )

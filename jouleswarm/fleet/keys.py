@@ -79,6 +79,31 @@ def refresh_keys(scenario: Scenario, out: Path, hosts: Sequence[str], days: int)
     return make_keys(scenario, out, hosts, days)
 
 
+def remove_keys(out: Path, clients: Sequence[str]) -> None:
+    """Take clients out of a folder of keys: no broker that reads it lets them in, whatever they still hold.
+
+    Topic rights stay, for they are the scenario's: the folder still serves it, as `refresh_keys` sees it.
+
+    Raises:
+        ConfigurationError: `out` is no folder of keys, one is no user of it, or it cannot be written to.
+    """
+    users = out / folder.BROKER / folder.USERS
+    try:
+        lines = users.read_text().splitlines(keepends=True)
+        known = [line.partition(":")[0] for line in lines]
+        if wrong := [client for client in clients if client not in known]:
+            raise ConfigurationError(f"{out}: got {', '.join(wrong)}; expected some of {', '.join(known)}")
+        left = [line for line, client in zip(lines, known, strict=True) if client not in clients]
+        work = users.with_suffix(".new")
+        work.unlink(missing_ok=True)
+        _write(work, "".join(left).encode(), private=True)
+        work.replace(users)  # a broker finds the old users or the new ones, never a part
+        for client in clients:
+            shutil.rmtree(out / client, ignore_errors=True)  # it may lie on the robot's machine alone
+    except OSError as error:
+        raise ConfigurationError(f"cannot use {users}: {error.strerror or error}; give the folder of keys") from error
+
+
 def _fill(work: Path, scenario: Scenario, hosts: Sequence[str], validity: Validity) -> list[str]:
     ca = make_ca(f"JouleSwarm {scenario.name}", validity)
     server, clients = make_server(ca, hosts, validity), list(rights_of(scenario))

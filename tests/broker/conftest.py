@@ -56,9 +56,9 @@ def text(value: str) -> bytes:
 class RawClient:
     """MQTT 3.1.1 by hand, for what a well-behaved client library would not do."""
 
-    def __init__(self, port: int, tls: ssl.SSLContext | None = None) -> None:
+    def __init__(self, port: int, tls: ssl.SSLContext | None = None, source: str = "127.0.0.1") -> None:
         self.present = 0  # what CONNACK said of a session
-        self.sock = socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
+        self.sock = socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S, source_address=(source, 0))
         if tls is not None:
             self.sock = tls.wrap_socket(self.sock, server_hostname="127.0.0.1")
 
@@ -80,6 +80,11 @@ class RawClient:
         first, answer = self.read()
         assert (first, answer[1]) == (0x20, code)
         return answer[0]
+
+    def log_in(self, user: str, password: str) -> int:
+        """Returns the code of CONNACK."""
+        self.send(0x10, text("MQTT") + b"\x04\xc2\x00\x00" + text(user) + text(user) + text(password))
+        return self.read()[1][1]
 
     def subscribe(self, topic_filter: str, qos: int = 1) -> int:
         """Returns the granted QoS."""
@@ -190,8 +195,8 @@ def guarded(start_broker: Callable[..., BrokerProcess], keys: Path) -> BrokerPro
 def raw() -> Iterator[Callable[..., RawClient]]:
     clients: list[RawClient] = []
 
-    def connect(broker: BrokerProcess, tls: ssl.SSLContext | None = None) -> RawClient:
-        clients.append(RawClient(broker.port, tls))
+    def connect(broker: BrokerProcess, tls: ssl.SSLContext | None = None, source: str = "127.0.0.1") -> RawClient:
+        clients.append(RawClient(broker.port, tls, source))
         return clients[-1]
 
     yield connect

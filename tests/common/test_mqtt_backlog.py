@@ -77,11 +77,13 @@ class Peer:
             length >>= 7
         self._sock.sendall(bytes((first, *digits, length)) + body)
 
-    def accept(self) -> None:
+    def accept(self) -> str:
+        """The client id."""
         packet = self.read()
         assert packet is not None
         assert packet.kind == CONNECT
         self._sock.sendall(ACCEPTED)
+        return packet.body[12 : 12 + int.from_bytes(packet.body[10:12], "big")].decode()
 
     def answer(self, packet: Packet) -> None:
         """As a broker does that takes everything."""
@@ -445,6 +447,30 @@ def test_a_broker_that_minds_being_asked_for_its_limits_is_not_asked_again(playe
     bus.subscribe("a")
     bus.close()
     assert asked == [True, True, False]
+
+
+def test_who_gets_no_answer_to_its_subscriptions_twice_comes_back_by_another_id_of_its_name(played):
+    ids = []
+
+    def script(accept: Callable[[], Peer]) -> None:
+        for answered in (False, False, True, True):
+            peer = accept()
+            ids.append(peer.accept())
+            asked = peer.read()
+            assert asked.kind == SUBSCRIBE
+            if answered:
+                peer.answer(asked)
+            if len(ids) == 4:
+                peer.serve()
+            peer.close()
+
+    bus = played(script)
+    bus.subscribe("a")
+    while len(ids) < 4:
+        bus.receive(0.05)
+    bus.close()
+    assert {each.split(".")[0] for each in ids} == {"agent-1"}
+    assert (ids[0] == ids[1], ids[1] != ids[2], ids[2] == ids[3]) == (True, True, True)
 
 
 def test_packet_identifiers_of_messages_under_way_are_not_used_again(played):

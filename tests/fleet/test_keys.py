@@ -14,7 +14,7 @@ from cryptography import x509
 
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.fleet.keys import make_keys, refresh_keys
+from jouleswarm.fleet.keys import make_keys, refresh_keys, remove_keys
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
@@ -116,6 +116,33 @@ def test_refresh_removes_no_folder_that_is_something_else(tmp_path: Path) -> Non
     with pytest.raises(ConfigurationError, match="no folder of keys; nothing was removed"):
         refresh_keys(load_scenario(TOY), tmp_path, ["localhost"], 30)
     assert (tmp_path / "mine").read_text() == "precious"
+
+
+def test_who_is_removed_is_no_user_and_has_no_folder_and_the_rest_still_serves(tmp_path: Path) -> None:
+    toy, out = load_scenario(TOY), tmp_path / "keys"
+    make_keys(toy, out, ["localhost"], 30)
+    before = (out / "broker" / "users").read_text().splitlines()
+    removed = jouleswarm("keys", "remove", "agent-2", "agent-3", "--out", str(out))
+    assert removed.returncode == 0, removed.stderr
+    assert "agent-2, agent-3 taken out" in removed.stdout
+    users = out / "broker" / "users"
+    assert (users.read_text().splitlines(), mode(users)) == (before[:1] + before[3:], 0o600)
+    assert sorted(each.name for each in (out / "broker").iterdir()) == [
+        "ca.crt", "rights", "server.crt", "server.key", "users"
+    ]  # fmt: skip
+    assert not (out / "agent-2").exists()
+    assert (out / "agent-1" / "password").exists()
+    assert refresh_keys(toy, out, ["localhost"], 30) is None  # which would let it in again
+
+
+def test_who_is_no_client_is_told_with_those_that_are_and_nothing_is_removed(tmp_path: Path) -> None:
+    out = tmp_path / "keys"
+    make_keys(load_scenario(TOY), out, ["localhost"], 30)
+    with pytest.raises(ConfigurationError, match=r"got agent-9; expected some of agent-1, agent-2, .*, health"):
+        remove_keys(out, ["agent-1", "agent-9"])
+    assert (out / "agent-1" / "password").exists()
+    with pytest.raises(ConfigurationError, match=r"cannot use .*users: No such file or directory; give the folder of"):
+        remove_keys(tmp_path, ["agent-1"])
 
 
 def test_the_command_says_what_it_made_and_what_to_do_next(tmp_path: Path) -> None:
