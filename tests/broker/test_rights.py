@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jouleswarm.broker.access import CACHED_TOPICS, Grants, parse_users
+from jouleswarm.broker.access import CACHED_TOPICS, Book, Grants, parse_users
 from jouleswarm.broker.rights import Access, covers, matches, parse_rights, permits, permits_filter
 from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.wire import topics
@@ -136,9 +138,15 @@ def test_nothing_comes_by_a_covered_filter_that_the_right_does_not_match(wide: s
         assert naive(wide, topic)
 
 
+def grants_of(rights: str, told: list[str]) -> Grants:
+    """Of the user `a`."""
+    guard: Any = SimpleNamespace(book=Book({"a": "hash"}, parse_rights(rights)))
+    return Grants(guard, "a", "a", "hash", told.append)
+
+
 def test_what_was_decided_is_kept_up_to_a_limit_and_each_refusal_told_once() -> None:
     told: list[str] = []
-    grants = Grants(parse_rights("user a\ntopic write own/+").of("a", "a"), told.append)
+    grants = grants_of("user a\ntopic write own/+", told)
     for _ in range(3):
         assert grants.may_publish("own/1")
         assert not grants.may_publish("other")
@@ -167,7 +175,7 @@ def test_a_user_without_such_a_hash_is_named_but_not_shown(line: str) -> None:
 
 def test_what_the_broker_takes_everybody_may_know() -> None:
     told: list[str] = []
-    grants = Grants(parse_rights("user b\ntopic read own/+").of("a", "a"), told.append)
+    grants = grants_of("user b\ntopic read own/+", told)
     assert grants.may_subscribe(topics.BROKER_LIMITS)
     assert grants.may_receive(topics.BROKER_LIMITS)
     assert not grants.may_publish(topics.BROKER_LIMITS)
