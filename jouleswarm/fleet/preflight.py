@@ -1,4 +1,4 @@
-"""Whether the broker takes the largest message of a run and passes it on, found out before anybody computes.
+"""What is asked of a broker before anybody computes: is the run new to it, and does the largest message come through?
 
 A broker of ours tells its limit. Others are tried: one may close the connection, which the bus notices, and one
 (Mosquitto with message_size_limit) acknowledges what is too large and drops it, which nothing else would show.
@@ -17,8 +17,10 @@ from jouleswarm.common.bus.mqtt import MqttBus
 from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire import topics
+from jouleswarm.common.wire.names import client_of
 from jouleswarm.runs.interface import interface_of
 from jouleswarm.runs.sizes import meta_model_shapes, model_shapes, weights_bytes
+from jouleswarm.runs.traffic import DATA_CENTER
 
 log = logging.getLogger("jouleswarm.recorder")
 
@@ -45,6 +47,36 @@ def check_largest_message(bus: MqttBus, scenario: Scenario, run: str) -> None:
     if came and bus.limit.told_bytes is None:
         _try(bus, probe, size_bytes, topic)
     bus.unsubscribe(probe)
+
+
+def check_is_new(bus: MqttBus, scenario: Scenario, run: str) -> None:
+    """Find out whether a broker still has what processes of another run by this name have left there.
+
+    On a bus that nothing else has been subscribed to, before any process of the run is started. A broker that lets the
+    recorder hear nothing is not judged.
+
+    Raises:
+        ConfigurationError: it has. Processes would take that for word of each other.
+    """
+    probe, token, left = topics.probe(run), secrets.token_bytes(8), set[str]()
+    places = {client_of(agent): (scenario.task_of(agent), agent) for agent in scenario.agents} | {DATA_CENTER: (0, 0)}
+    present = {topics.presence(run, *place): client for client, place in places.items()}
+    try:
+        bus.subscribe(*present, probe)
+    except ConfigurationError as error:
+        log.info("it is not known whether the run is new at this broker: %s", error)
+        return
+    bus.publish(probe, token)  # what is retained comes before
+    until = time.monotonic() + ANSWER_S
+    while (message := bus.receive(max(0.0, until - time.monotonic()))) is not None and message.payload != token:
+        if message.topic in present and message.payload:
+            left.add(present[message.topic])
+    bus.unsubscribe(*present, probe)
+    if left:
+        raise ConfigurationError(
+            f"run {run}: the broker still has word of {', '.join(sorted(left))} of a run by this name, which was "
+            "broken off or is under way; give another --run-id, or go on with that one by --resume"
+        )
 
 
 def _try(bus: MqttBus, probe: str, size_bytes: int, topic: str) -> None:

@@ -23,7 +23,7 @@ from jouleswarm.common.wire.messages import Presence, encode_json
 from jouleswarm.fleet.broker_log import BrokerLog
 from jouleswarm.fleet.launcher import Launcher
 from jouleswarm.fleet.learning import check_learning
-from jouleswarm.fleet.preflight import check_largest_message
+from jouleswarm.fleet.preflight import check_is_new, check_largest_message
 from jouleswarm.fleet.recorder import CLIENT, Recorder, Status
 from jouleswarm.fleet.stopping import telling_what_is_kept
 from jouleswarm.fleet.trial import try_out
@@ -118,8 +118,8 @@ def recording(
     launcher: Launcher | None = None,
 ) -> Iterator[Recorder]:
     """A recorder that writes its summary however the run ends; `state`: folder of all processes' states."""
-    described = manifest(scenario, run, url, embedded=embedded)
-    if (directory.path / MANIFEST).exists():
+    described, is_begun = manifest(scenario, run, url, embedded=embedded), (directory.path / MANIFEST).exists()
+    if is_begun:
         before = json.loads((directory.path / MANIFEST).read_text(encoding="utf-8"))
         described = {**before, "resumed": [*before.get("resumed", ()), described["started"]]}
     directory.doors(scenario.files)
@@ -138,7 +138,13 @@ def recording(
         # Before its processes are there, and once they are done, nobody else notices that the broker was killed.
         look_after_broker=None if launcher is None else launcher.check_broker,
     )
-    check_largest_message(bus, scenario, run)
+    try:
+        if launcher is not None and not embedded and not is_begun:
+            check_is_new(bus, scenario, run)
+        check_largest_message(bus, scenario, run)
+    except JouleSwarmError:
+        bus.close()  # without its last word, which might be heard in a run that is under way
+        raise
     recorder = Recorder(bus, scenario, run, directory, state)
     status: Status = "failed"
     try:

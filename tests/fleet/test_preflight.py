@@ -13,7 +13,7 @@ from jouleswarm.common.errors import ConfigurationError, MessageTooLargeError
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.fleet import preflight
-from jouleswarm.fleet.preflight import check_largest_message, largest_message
+from jouleswarm.fleet.preflight import check_is_new, check_largest_message, largest_message
 
 TOY = Path(__file__).parents[2] / "scenarios" / "toy.toml"
 # Two convolutions (4x4 on 4 channels to 8, 3x3 to 16) leave 16 x 5 x 3 of 16 x 12; 32 units; 4 actions. The meta-model
@@ -62,8 +62,9 @@ def test_the_largest_message_is_a_model_or_a_frame(scenario: Scenario) -> None:
 def test_a_broker_that_passes_it_on_is_right(bus: Bus, scenario: Scenario) -> None:
     check_largest_message(bus, scenario, "r")
     assert bus.sent == [0, 8, TOY_BYTES, 8]
-    assert bus.granted_qos("jouleswarm/r/meter/recorder/probe") is None  # nothing is heard there any more
     assert bus.meter.rows() == []
+    bus.publish("jouleswarm/r/meter/recorder/probe", b"")
+    assert bus.receive(0) is None  # nothing is heard there any more
 
 
 def test_a_broker_that_drops_it_is_named_with_topic_and_size(bus: Bus, scenario: Scenario) -> None:
@@ -100,3 +101,16 @@ def test_a_broker_that_lets_the_recorder_hear_nothing_is_not_judged(
 
     monkeypatch.setattr(bus, "subscribe", refuse)
     check_largest_message(bus, scenario, "r")
+
+
+def test_a_name_that_the_broker_has_word_of_is_told_with_whose(bus: Bus, scenario: Scenario) -> None:
+    check_is_new(bus, scenario, "r")
+    other = MemoryBus("other", bus._hub)
+    for run, task, agent in (("r", 2, 3), ("r", 0, 0), ("another", 1, 1)):
+        other.publish(f"jouleswarm/{run}/all/ctl/{task}/{agent}/presence", b"{}", retain=True)
+    with pytest.raises(ConfigurationError, match=r"run r: .* still has word of agent-3, datacenter of a run by "):
+        check_is_new(bus, scenario, "r")
+    for task, agent in ((2, 3), (0, 0)):  # as at a run's end
+        other.publish(f"jouleswarm/r/all/ctl/{task}/{agent}/presence", b"", retain=True)
+    check_is_new(bus, scenario, "r")
+    assert bus.receive(0) is None  # nothing of it is heard any more
