@@ -25,10 +25,9 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
 from jouleswarm.learning.learner import Learner
-from jouleswarm.learning.meta import TensorBatch
+from jouleswarm.learning.meta import TensorBatch, to_tensors
 from jouleswarm.learning.networks import build_qnetwork, to_weights
-from jouleswarm.learning.qnetwork import QNetwork
-from jouleswarm.learning.replay import Batch, Replay
+from jouleswarm.learning.replay import Replay
 
 STEPS = 10
 Batches = Callable[[], Iterator[TensorBatch]]
@@ -86,17 +85,9 @@ def _drawn(scenario: Scenario) -> Batches:
 
     def batches() -> Iterator[TensorBatch]:
         for _ in range(STEPS):
-            yield _converted_as_before(replay.sample(scenario.learning.batch_size, rng), network)
+            yield to_tensors(replay.sample(scenario.learning.batch_size, rng), network, torch.device("cpu"))
 
     return batches
-
-
-def _converted_as_before(batch: Batch, network: QNetwork) -> TensorBatch:
-    """Bytes made floats by PyTorch."""
-    seen = (torch.from_numpy(frames).permute(0, 3, 1, 2) for frames in (batch.frames, batch.next_frames))
-    frames, next_frames = (each.to(torch.float32).sub_(network.shift).div_(network.divisor) for each in seen)
-    actions, rewards, terminated = map(torch.from_numpy, (batch.actions, batch.rewards, batch.terminated))
-    return TensorBatch(frames, actions, rewards, next_frames, terminated)
 
 
 def _ready(scenario: Scenario) -> Batches:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium import spaces
@@ -35,8 +34,6 @@ class QNetwork(nn.Sequential):
 
     def prepare(self, batch: Array, device: torch.device | str = "cpu") -> Tensor:
         """Observations as they are kept, [batch, ...], as the first layer takes them, float32."""
-        if self.takes.values is None and torch.device(device).type == "cpu":
-            batch = batch.astype(np.float32)  # two to three times as fast as PyTorch's conversion of bytes
         given = torch.from_numpy(batch).to(device)
         if self.takes.values is not None:
             return nn.functional.one_hot(given.to(torch.int64), self.takes.values).to(torch.float32)

@@ -141,8 +141,9 @@ def done(tmp_path_factory: pytest.TempPathFactory, starter: Starter) -> Done:
     deployed = flower.run(flower.folder / "app", "deployment", f"features={FEATURES} steps=1 rounds=1")
     simulated = flower.done(flower.run(flower.folder / "app", "simulation", "rounds=3"), "simulation")
     own = with_two_lines(shutil.copytree(ROOT / "tests" / "flower" / "quickstart", flower.folder / "quickstart"))
-    template = flower.done(flower.run(own, "simulation", "num-server-rounds=1"), "simulation")
-    return Done(simulated, template, flower.done(deployed, "deployment"), relays)
+    deployed_run = flower.done(deployed, "deployment")
+    template = flower.done(flower.run(own, "deployment", "num-server-rounds=1"), "deployment")
+    return Done(simulated, template, deployed_run, relays)
 
 
 def with_two_lines(app: Path) -> Path:
