@@ -35,7 +35,6 @@ PRELOAD = (
     "jouleswarm.methods.consensus",
     "cv2",
     "encodings.idna",  # of every connection
-    "torch._dynamo",  # 800 modules, which PyTorch loads when the first optimizer is made
 )
 """Loaded before the first fork, all that a robot of a plain scenario needs; none of it starts a thread."""
 

@@ -21,6 +21,7 @@ from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.dqn import polyak_update, td_slope, td_target
 from jouleswarm.learning.flat import Flat
 from jouleswarm.learning.networks import load_weights, to_weights
+from jouleswarm.learning.optimizers import Adam, Sgd
 from jouleswarm.learning.passes import pass_of, values_of
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch, Replay
@@ -187,7 +188,7 @@ class Learner(Policy):
         return values.reshape(len(drawn), -1, values.shape[1])
 
 
-def _optimizer(settings: LearningSettings, parameters: Tensor) -> torch.optim.Optimizer:
+def _optimizer(settings: LearningSettings, parameters: Tensor) -> Adam | Sgd:
     if settings.optimizer == "sgd":
-        return torch.optim.SGD([parameters], lr=settings.lr, fused=True)
-    return torch.optim.Adam([parameters], lr=settings.lr, eps=settings.adam_eps, fused=True)
+        return Sgd([parameters], settings.lr)
+    return Adam([parameters], settings.lr, settings.adam_eps)

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
-from torch.func import functional_call, grad
+from torch.func import functional_call
 
 from jouleswarm.learning.dqn import td_loss, td_target
 from jouleswarm.learning.qnetwork import QNetwork
@@ -87,13 +87,15 @@ def adapt(
     `inner` names the parameters that adapt, all by default; the others stay (ANIL: the last layer only).
     """
     mu = {name: _step_size(inner_lr, name) for name in (inner or params)}
+    if differentiable:  # of plain numbers there is no slope to take
+        params = {name: each if each.requires_grad else each.detach().requires_grad_() for name, each in params.items()}
     for batch in support:
         fixed, moving = params, {name: params[name] for name in (inner or params)}
 
         def partial_loss(part: Params, batch: S = batch, fixed: Params = fixed) -> Tensor:
             return loss({**fixed, **part}, batch)
 
-        found = grad(partial_loss)(moving) if differentiable else plain_gradient(partial_loss, moving)
+        found = _slope(partial_loss(moving), moving) if differentiable else plain_gradient(partial_loss, moving)
         gradient = clipped(found, clip)
         params = {**fixed, **{name: value - mu[name] * gradient[name] for name, value in moving.items()}}
     return params
@@ -105,8 +107,15 @@ def _step_size(inner_lr: Rate, name: str) -> float | Tensor:
 
 def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
     """The gradient of `loss` at `params`, with nothing to differentiate through it: cheaper than torch.func.grad."""
-    leaves = {name: value.detach().requires_grad_() for name, value in params.items()}
-    return dict(zip(leaves, torch.autograd.grad(loss(leaves), list(leaves.values())), strict=True))
+    leaves = _leaves(params)
+    return _slope(loss(leaves), leaves, further=False)
+
+
+def _slope(value: Tensor, params: Params, *, further: bool = True) -> Params:
+    """Of a value in the parameters that it was computed from, 0 in those that it was not; `further`: differentiable."""
+    # Not by torch.func.grad, which gives the same and loads PyTorch's compiler for it (see `optimizers`).
+    found = torch.autograd.grad(value, list(params.values()), create_graph=further, materialize_grads=True)
+    return dict(zip(params, found, strict=True))
 
 
 def clipped(gradient: Params, norm: float) -> Params:
@@ -149,15 +158,10 @@ def meta_gradient(
         rates = _first_order_of_rates(inner_lr, gradient, params, adapted) if isinstance(inner_lr, dict) else {}
         return gradient | rates, adapted
 
-    def through(start: Params, rate: Rate) -> tuple[Tensor, Params]:
-        adapted = adapt(start, support, loss, rate, clip, inner)
-        return query_loss(adapted, query, loss), adapted
-
-    if not isinstance(inner_lr, dict):
-        gradient, adapted = grad(through, has_aux=True)(params, inner_lr)
-        return gradient, _detached(adapted)
-    (gradient, of_rates), adapted = grad(through, argnums=(0, 1), has_aux=True)(params, inner_lr)
-    return gradient | of_rates, _detached(adapted)
+    start, rate = _leaves(params), _leaves(inner_lr) if isinstance(inner_lr, dict) else inner_lr
+    adapted = adapt(start, support, loss, rate, clip, inner)
+    leaves = start | rate if isinstance(rate, dict) else start
+    return _slope(query_loss(adapted, query, loss), leaves, further=False), _detached(adapted)
 
 
 def _first_order_of_rates(rates: Params, gradient: Params, params: Params, adapted: Params) -> Params:
@@ -174,6 +178,10 @@ def reptile_gradient(
     """Reptile's direction W - phi (Nichol et al. 2018), phi after one SGD step a batch, and phi."""
     adapted = adapt(params, batches, loss, inner_lr, clip, differentiable=False)
     return {name: value - adapted[name] for name, value in params.items()}, adapted
+
+
+def _leaves(params: Params) -> Params:
+    return {name: value.detach().requires_grad_() for name, value in params.items()}
 
 
 def _detached(params: Params) -> Params:

@@ -21,6 +21,7 @@ from jouleswarm.learning.device import compute_device
 from jouleswarm.learning.meta import Params, TensorBatch, make_loss, to_tensors
 from jouleswarm.learning.metamodel import MetaModel
 from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.optimizers import Adam
 from jouleswarm.learning.replay import Replay
 from jouleswarm.learning.start import saved_start
 from jouleswarm.methods.beta import measure_beta
@@ -43,9 +44,8 @@ class MetaStage:
             self._begin_from(saved)
         leaves, rates = dict(self.meta_model.named()), self.meta_model.rates
         self._leaves = leaves | rates
-        self._optimizer = torch.optim.Adam(leaves.values(), lr=self._settings.meta_lr, fused=True)
-        if rates:
-            self._optimizer.add_param_group({"params": list(rates.values()), "lr": self._settings.inner_lr_step})
+        self._of_leaves = Adam(leaves.values(), self._settings.meta_lr)
+        self._of_rates = Adam(rates.values(), self._settings.inner_lr_step)
         self._targets: dict[int, Params] = {
             task: {name: value.clone() for name, value in self.meta_model.params(task).items()}
             for task in self._settings.training_tasks
@@ -105,7 +105,7 @@ class MetaStage:
         for task, target in self._targets.items():
             state |= {f"target/{task}/{name}": value for name, value in target.items()}
         for name, leaf in self._leaves.items():
-            state |= {f"adam/{name}/{key}": value for key, value in self._optimizer.state[leaf].items()}
+            state |= {f"adam/{name}/{key}": value for key, value in self._moments(name)[leaf].items()}
         return State({name: value.cpu().contiguous().numpy() for name, value in state.items()})
 
     def load_state(self, state: State) -> None:
@@ -117,10 +117,14 @@ class MetaStage:
             with torch.no_grad():
                 leaf.copy_(found[f"model/{name}"])
             moments = {key: found[f"adam/{name}/{key}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-            self._optimizer.state[leaf] = {
+            self._moments(name)[leaf] = {
                 key: value.to(leaf.device) if key == "step" else torch.empty_like(leaf).copy_(value)
                 for key, value in moments.items()
             }
+
+    def _moments(self, name: str) -> dict[Tensor, dict[str, Tensor]]:
+        """By leaf; those of the leaf of this name are among them."""
+        return (self._of_rates if name in self.meta_model.rates else self._of_leaves).state
 
     def _counts(self, support: int, query: int) -> Gradients:
         """Batches as gradients: Reptile's and joint training's are all of one kind."""
@@ -160,4 +164,6 @@ class MetaStage:
         norm = torch.nn.utils.clip_grad_norm_(leaves, self._scenario.learning.grad_clip, foreach=True)
         if not torch.isfinite(norm):
             raise TrainingError(f"meta-gradient of round {round_} is not finite; lower meta.inner_lr or meta.meta_lr")
-        self._optimizer.step()
+        self._of_leaves.step()
+        if self.meta_model.rates:
+            self._of_rates.step()
