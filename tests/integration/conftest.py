@@ -30,7 +30,7 @@ from jouleswarm.methods.shipped import all_shipped
 
 ROOT = Path(__file__).parents[2]
 TOY = ROOT / "scenarios" / "toy.toml"
-DEADLINE_S = 90.0
+DEADLINE_S = 150.0
 # No robot can reach a target of 1000: every arm lasts its 3 rounds.
 SMALL = (
     "federation.max_rounds=3", "federation.target_reward=1000", "meta.t0=2",

@@ -26,6 +26,7 @@ ALONE = {  # nothing outside this machine is asked, told or installed
     "FLWR_TELEMETRY_ENABLED": "0", "FLWR_DISABLE_UPDATE_CHECK": "1", "RAY_USAGE_STATS_ENABLED": "0",
     "FLWR_DISABLE_RUNTIME_DEPENDENCY_INSTALLATION": "1", "PATH": f"{BIN}:{os.environ['PATH']}",
 }  # fmt: skip
+DEADLINE_S = 250.0
 CLIENTS = ("client-0", "client-1")
 SMALL = (64 * 10 + 10) * 4  # bytes of float32 weights [64, 10] and bias [10]
 FEATURES = 200_000
@@ -33,6 +34,7 @@ LARGE = (FEATURES * 10 + 10) * 4
 
 pytestmark = [
     pytest.mark.flower,
+    pytest.mark.timeout(600),  # Ray and a dozen processes to start, on a machine that may have much else to do
     pytest.mark.skipif(not BIN.exists(), reason="no Flower: `make flower`"),
 ]
 
@@ -112,7 +114,7 @@ class Flower:
 
     def done(self, run: Started, link: str) -> Path:
         """Its directory, once it has ended."""
-        assert run.ends() == 0, run.printed
+        assert run.ends(DEADLINE_S) == 0, run.printed
         number = re.search(r"started run (\d+)", run.printed)
         assert number, run.printed
         folder = self.folder / link / "runs" / f"flower-{number[1]}"

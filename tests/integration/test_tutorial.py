@@ -8,9 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 
 
+@pytest.mark.timeout(400)
 def test_every_command_of_the_tutorial_works_as_printed_and_shows_what_it_promises(tmp_path: Path) -> None:
     typed = "".join(re.findall(r"```sh\n(.*?)```", TUTORIAL.read_text(), re.S))
     assert typed.count("jouleswarm ") == 11
