@@ -106,7 +106,7 @@ def _step_size(inner_lr: Rate, name: str) -> float | Tensor:
 
 
 def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
-    """The gradient of `loss` at `params`, with nothing to differentiate through it: cheaper than torch.func.grad."""
+    """The gradient of `loss` at `params`, with nothing to differentiate through it."""
     leaves = _leaves(params)
     return _slope(loss(leaves), leaves, further=False)
 
