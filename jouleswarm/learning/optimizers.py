@@ -25,11 +25,12 @@ class Sgd:
 
     @torch.no_grad()
     def step(self) -> None:
-        """Move all parameters."""
+        """Move all parameters that have a gradient."""
+        parameters, gradients = _with_gradients(self._parameters)
         sgd(
-            self._parameters,
-            _gradients(self._parameters),
-            [None] * len(self._parameters),
+            parameters,
+            gradients,
+            [None] * len(parameters),
             fused=True,
             weight_decay=0.0,
             momentum=0.0,
@@ -50,15 +51,16 @@ class Adam:
 
     @torch.no_grad()
     def step(self) -> None:
-        """Move all parameters."""
-        states = [self.state[parameter] for parameter in self._parameters]
-        for parameter, state in zip(self._parameters, states, strict=True):
+        """Move all parameters that have a gradient."""
+        parameters, gradients = _with_gradients(self._parameters)
+        states = [self.state[parameter] for parameter in parameters]
+        for parameter, state in zip(parameters, states, strict=True):
             if not state:
                 state["step"] = torch.zeros((), device=parameter.device)
                 state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
         adam(
-            self._parameters,
-            _gradients(self._parameters),
+            parameters,
+            gradients,
             [state["exp_avg"] for state in states],
             [state["exp_avg_sq"] for state in states],
             [],
@@ -74,5 +76,6 @@ class Adam:
         )
 
 
-def _gradients(parameters: Iterable[Tensor]) -> list[Tensor]:
-    return [parameter.grad for parameter in parameters if parameter.grad is not None]
+def _with_gradients(parameters: Iterable[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
+    found = [(parameter, parameter.grad) for parameter in parameters if parameter.grad is not None]
+    return [parameter for parameter, _ in found], [gradient for _, gradient in found]
