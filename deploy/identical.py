@@ -1,7 +1,7 @@
 """Whether runs ended with the same rounds and weights, to the bit: python3 deploy/identical.py FOLDER FOLDER ...
 
-Of each folder the newest run directory below it that has a summary. Times, and what was refused on the way, may differ.
-Exit code 1 where one differs from the first.
+Of each folder the run directory below it whose summary is newest. Times, and what was refused on the way, may differ.
+Exit code 1 where one differs from the first, 2 where there are not two.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Ended = tuple[list[dict[str, object]], dict[str, bytes]]
 
 def ended(folder: Path) -> Ended:
     """Rows, and the bytes of each model."""
-    run = max(path.parent for path in folder.rglob("summary.json"))
+    run = max(folder.rglob("summary.json"), key=lambda path: path.stat().st_mtime).parent
     rows = [json.loads(line) for line in (run / "rounds.jsonl").read_text().splitlines()]
     kept = [{key: value for key, value in row.items() if key not in _MAY_DIFFER} for row in rows]
     return kept, {path.name: path.read_bytes() for path in sorted((run / "weights").iterdir())}
@@ -31,4 +31,7 @@ def main(folders: list[Path]) -> bool:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        print("usage: python3 deploy/identical.py FOLDER FOLDER ...", file=sys.stderr)
+        sys.exit(2)
     sys.exit(not main([Path(each) for each in sys.argv[1:]]))

@@ -132,3 +132,8 @@ def test_runs_are_identical_but_for_times_and_a_bit_of_a_weight_is_told(tmp_path
         )  # fmt: skip
         assert (done.returncode, done.stderr) == (code, "")
         assert done.stdout.splitlines()[-1] == f"{names[-1]}: 1 rows, 1 models: {end}"
+    alone = subprocess.run(
+        [sys.executable, ROOT / "deploy" / "identical.py", "one"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert (alone.returncode, alone.stdout) == (2, "")
