@@ -117,15 +117,8 @@ async def run(settings: Settings, ready: Callable[[Addresses], None], guard: Gua
         url = f"{'mqtts' if context else 'mqtt'}://{host}:{listener.getsockname()[1]}"
         ready(Addresses(url, f"http://{host}:{metrics}/metrics" if metrics else None))
         try:
-            await _work(
-                ended,
-                watch(broker),
-                age(broker),
-                tell(broker),
-                publisher.run(),
-                broker.chores(),
-                read_anew(heard, broker),
-            )
+            own = watch(broker), age(broker), tell(broker), broker.chores(), read_anew(heard, broker)
+            await _work(ended, publisher.run(), *own)
         except ExceptionGroup as failed:
             logger.exception("a part of the broker has failed")
             first = failed.exceptions[0]

@@ -125,8 +125,8 @@ def run(
     name = "" if settings is None else run_id or new_run_id(settings)
     where = resume or out / name
     with page_beside(where, wanted=page), followed(metrics_port, tensorboard, mlflow) as also:
-        view = also.beside(View)
-        started = Options(broker, keys, restarts, durable, other_processor, keep_state, None, view, scheduler, listen)
+        given = broker, keys, restarts, durable, other_processor, keep_state
+        started = Options(*given, view=also.beside(View), scheduler=scheduler, listen=listen)
         if settings is None:
             resume_deployment(where, Console(), started, with_more_rounds(where, set_) if set_ else None)
         else:
