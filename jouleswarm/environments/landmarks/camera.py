@@ -11,17 +11,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from jouleswarm.environments.landmarks.drawing import Frame, Noise, Views
+from jouleswarm.environments.landmarks.drawing import Frame, Noise, views_of
 from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
 from jouleswarm.environments.landmarks.settings import World
 
 
 class Camera:
-    """Frames of one world. Keeps its views to itself: use one camera a thread."""
+    """Frames of one world. Its views are shared by all cameras like it in a process."""
 
     def __init__(self, world: World, settings: CameraSettings, obstacles: frozenset[Cell] = frozenset()) -> None:
-        self._drawn, self._views = Views(world, settings, obstacles), dict[Cell, list[Frame]]()
+        self._views = views_of(world, settings, obstacles)
         self._frame = settings.width, settings.height
         self._noise = Noise(settings.noise, settings.width * settings.height * 4)
 
@@ -33,9 +33,7 @@ class Camera:
         and of growing rows, the tilt within half the heading's. The same settings, cell and state of `rng` give
         the same frame.
         """
-        if cell not in self._views:
-            self._views[cell] = self._drawn.draw(cell)
-        cut, at = self._drawn.cut(self._views[cell], rng)
+        cut, at = self._views.cut(cell, rng)
         frame = np.asarray(cv2.resize(cut, self._frame, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
         self._noise.add(frame, at)
         return frame

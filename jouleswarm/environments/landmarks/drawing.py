@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+from weakref import WeakValueDictionary
 
 import cv2
 import numpy as np
@@ -21,16 +23,33 @@ _SEED = 445
 
 
 class Views:
-    """A world seen from its landmarks, at half a frame's resolution and a little wider than a frame."""
+    """A world seen from its landmarks, at half a frame's resolution and a little wider than a frame.
+
+    A landmark is drawn when it is first seen, by whichever thread sees it; get them from `views_of`.
+    """
 
     def __init__(self, world: World, settings: Camera, obstacles: frozenset[Cell]) -> None:
+        self._drawn, self._lock = dict[Cell, list[Frame]](), threading.Lock()
         self._cell_m, self._settings = world.cell_m, settings
         self._scene: Scene = build_scene(world.rows, world.cols, obstacles)
         self._focal = settings.width / 2 / SCALE  # 90 degrees across
         self._margin = math.ceil(self._focal * math.tan(math.radians(settings.heading_jitter_deg)))
         self._size = (math.ceil(settings.width / SCALE), math.ceil(settings.height / SCALE))  # of a cut
 
-    def draw(self, cell: Cell) -> list[Frame]:
+    def cut(self, cell: Cell, rng: np.random.Generator) -> tuple[Frame, int]:
+        """The part of one of a landmark's views that a robot sees now, read-only; and where its noise starts."""
+        views = self._drawn.get(cell) or self._draw_once(cell)
+        pose, dx, dy, at = rng.integers((len(views), 2 * self._margin + 1, self._margin + 1, NOISE_SPAN))
+        width, height = self._size
+        return views[pose][dy : dy + height, dx : dx + width], int(at)
+
+    def _draw_once(self, cell: Cell) -> list[Frame]:
+        with self._lock:
+            if cell not in self._drawn:
+                self._drawn[cell] = self._draw(cell)
+        return self._drawn[cell]
+
+    def _draw(self, cell: Cell) -> list[Frame]:
         """The views of a landmark, uint8 [height, width, 4] each, from poses that only its place decides."""
         jitter = self._settings.pose_jitter_m / self._cell_m
         rng = np.random.default_rng([_SEED, *cell])
@@ -41,13 +60,21 @@ class Views:
             picture, depth = cast(self._scene, x, y, width, height, self._focal)
             grey = np.minimum(np.rint(depth * (255 * self._cell_m / self._settings.range_m)), 255)
             views.append(np.dstack([picture, grey.astype(np.uint8)]))
+            views[-1].flags.writeable = False
         return views
 
-    def cut(self, views: list[Frame], rng: np.random.Generator) -> tuple[Frame, int]:
-        """The part of one of a landmark's views that a robot sees now, not a copy; and where its noise starts."""
-        pose, dx, dy, at = rng.integers((len(views), 2 * self._margin + 1, self._margin + 1, NOISE_SPAN))
-        width, height = self._size
-        return views[pose][dy : dy + height, dx : dx + width], int(at)
+
+_in_use: WeakValueDictionary[object, Views] = WeakValueDictionary()
+_in_use_lock = threading.Lock()
+
+
+def views_of(world: World, settings: Camera, obstacles: frozenset[Cell]) -> Views:
+    """What all cameras of this process and of these settings share: drawing a landmark takes as long as a hundred frames."""
+    key = world, settings, obstacles
+    with _in_use_lock:
+        if (found := _in_use.get(key)) is None:
+            found = _in_use[key] = Views(*key)
+        return found
 
 
 class Noise:

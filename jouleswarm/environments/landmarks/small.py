@@ -12,7 +12,7 @@ import math
 import cv2
 import numpy as np
 
-from jouleswarm.environments.landmarks.drawing import SCALE, Frame, Noise, Views
+from jouleswarm.environments.landmarks.drawing import SCALE, Frame, Noise, views_of
 from jouleswarm.environments.landmarks.maps import Cell
 from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
 from jouleswarm.environments.landmarks.settings import World
@@ -21,7 +21,7 @@ _FINER = 4  # view pixels a frame pixel along each axis, at most
 
 
 class SmallCamera:
-    """Frames of one world, of `size` (width, height). Keeps its views to itself: use one camera a thread."""
+    """Frames of one world, of `size` (width, height). Its views are shared by all cameras like it in a process."""
 
     def __init__(
         self, world: World, settings: CameraSettings, obstacles: frozenset[Cell], size: tuple[int, int]
@@ -29,16 +29,14 @@ class SmallCamera:
         finer = min(_FINER, max(1, settings.width // (SCALE * size[0])))  # whole numbers shrink fastest
         width = SCALE * finer * size[0]
         height = max(1, round(width * settings.height / settings.width))
-        self._drawn = Views(world, settings.model_copy(update={"width": width, "height": height}), obstacles)
-        self._views, self._frame = dict[Cell, list[Frame]](), size
+        self._views = views_of(world, settings.model_copy(update={"width": width, "height": height}), obstacles)
+        self._frame = size
         averaged = max(1.0, settings.width * settings.height / (size[0] * size[1]))
         self._noise = Noise(settings.noise / math.sqrt(averaged), size[0] * size[1] * 4)
 
     def frame(self, cell: Cell, rng: np.random.Generator) -> Frame:
         """As of `camera.Camera`, uint8 [size[1], size[0], 4]."""
-        if cell not in self._views:
-            self._views[cell] = self._drawn.draw(cell)
-        cut, at = self._drawn.cut(self._views[cell], rng)
+        cut, at = self._views.cut(cell, rng)
         frame = np.asarray(cv2.resize(cut, self._frame, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         self._noise.add(frame, at)
         return frame
