@@ -69,7 +69,7 @@ _in_use_lock = threading.Lock()
 
 
 def views_of(world: World, settings: Camera, obstacles: frozenset[Cell]) -> Views:
-    """What all cameras of this process and of these settings share: drawing a landmark takes as long as a hundred frames."""
+    """Shared by all cameras of this process and of these settings: to draw a landmark takes as long as many frames."""
     key = world, settings, obstacles
     with _in_use_lock:
         if (found := _in_use.get(key)) is None:
