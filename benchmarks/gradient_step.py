@@ -25,9 +25,9 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.dqn import polyak_update, td_loss, td_target
 from jouleswarm.learning.learner import Learner
-from jouleswarm.learning.meta import TensorBatch, to_tensors
 from jouleswarm.learning.networks import build_qnetwork, to_weights
 from jouleswarm.learning.replay import Replay
+from jouleswarm.learning.task_loss import TensorBatch, to_tensors
 
 STEPS = 10
 Batches = Callable[[], Iterator[TensorBatch]]

@@ -7,62 +7,20 @@ each weight). What is learned is log mu, so that mu stays above 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from typing import TypeVar
 
 import torch
-from torch import Tensor, nn
-from torch.func import functional_call
+from torch import Tensor
 
-from jouleswarm.learning.dqn import td_loss, td_target
-from jouleswarm.learning.qnetwork import QNetwork
-from jouleswarm.learning.replay import Batch
+from jouleswarm.learning.passes import Params
+from jouleswarm.learning.task_loss import ByHand, Loss, added
 
-Params = dict[str, Tensor]
 Rate = float | Params
 """mu; or log mu of each layer, float32 without dimensions, by `rate_key`."""
 S = TypeVar("S")
-"""What one loss is of: a batch, or one of each of a task's robots."""
-
+"""What one loss is of."""
 _TINY = 1e-6  # as torch.nn.utils.clip_grad_norm_
-
-
-@dataclass(frozen=True)
-class TensorBatch:
-    """A replayed batch on the data center's device."""
-
-    frames: Tensor  # float32 [batch, *observation]
-    actions: Tensor  # int64 [batch]
-    rewards: Tensor  # float32 [batch]
-    next_frames: Tensor  # float32 [batch, *observation]
-    terminated: Tensor  # float32 [batch]
-
-
-def to_tensors(batch: Batch, model: QNetwork, device: torch.device) -> TensorBatch:
-    """Move a replayed batch to `device`, as `model` takes it."""
-    return TensorBatch(
-        model.prepare(batch.frames, device),
-        torch.from_numpy(batch.actions).to(device),
-        torch.from_numpy(batch.rewards).to(device),
-        model.prepare(batch.next_frames, device),
-        torch.from_numpy(batch.terminated).to(device),
-    )
-
-
-Loss = Callable[[Params, S], Tensor]
-
-
-def make_loss(model: nn.Module, target: Params, discount: float, *, double: bool) -> Loss[TensorBatch]:
-    """L_k(W | batch) of eq. (7) with the task's target network `target`; no gradient flows through targets."""
-
-    def loss(params: Params, batch: TensorBatch) -> Tensor:
-        next_q_target = functional_call(model, target, (batch.next_frames,)).detach()
-        next_q = functional_call(model, _detached(params), (batch.next_frames,)) if double else next_q_target
-        goal = td_target(batch.rewards, batch.terminated, next_q, next_q_target, discount, double=double)
-        return td_loss(functional_call(model, params, (batch.frames,)), batch.actions, goal.detach())
-
-    return loss
 
 
 def rate_key(name: str) -> str:
@@ -90,14 +48,10 @@ def adapt(
     if differentiable:  # of plain numbers there is no slope to take
         params = {name: each if each.requires_grad else each.detach().requires_grad_() for name, each in params.items()}
     for batch in support:
-        fixed, moving = params, {name: params[name] for name in (inner or params)}
-
-        def partial_loss(part: Params, batch: S = batch, fixed: Params = fixed) -> Tensor:
-            return loss({**fixed, **part}, batch)
-
-        found = _slope(partial_loss(moving), moving) if differentiable else plain_gradient(partial_loss, moving)
+        moving = {name: params[name] for name in mu}
+        found = _slope(loss(params, batch), moving) if differentiable else plain_gradient(loss, params, [batch], mu)
         gradient = clipped(found, clip)
-        params = {**fixed, **{name: value - mu[name] * gradient[name] for name, value in moving.items()}}
+        params = params | {name: value - mu[name] * gradient[name] for name, value in moving.items()}
     return params
 
 
@@ -105,10 +59,16 @@ def _step_size(inner_lr: Rate, name: str) -> float | Tensor:
     return inner_lr[rate_key(name)].exp() if isinstance(inner_lr, dict) else inner_lr
 
 
-def plain_gradient(loss: Callable[[Params], Tensor], params: Params) -> Params:
-    """The gradient of `loss` at `params`, with nothing to differentiate through it."""
-    leaves = _leaves(params)
-    return _slope(loss(leaves), leaves, further=False)
+def plain_gradient(loss: Loss[S], params: Params, samples: Sequence[S], of: Collection[str] | None = None) -> Params:
+    """The gradient of the mean loss of `samples` at `params`, with nothing to differentiate through it.
+
+    `of`: of these parameters, by default of all.
+    """
+    if isinstance(loss, ByHand):
+        found = added([loss.gradient(params, each, 1 / len(samples)) for each in reversed(samples)])  # autograd's order
+        return {name: found[name] for name in of or params}
+    leaves = _leaves({name: params[name] for name in of or params})
+    return _slope(query_loss(params | leaves, samples, loss), leaves, further=False)
 
 
 def _slope(value: Tensor, params: Params, *, further: bool = True) -> Params:
@@ -154,7 +114,7 @@ def meta_gradient(
     """
     if not exact:
         adapted = adapt(params, support, loss, inner_lr, clip, inner, differentiable=False)
-        gradient = plain_gradient(lambda at: query_loss(at, query, loss), adapted)
+        gradient = plain_gradient(loss, adapted, query)
         rates = _first_order_of_rates(inner_lr, gradient, params, adapted) if isinstance(inner_lr, dict) else {}
         return gradient | rates, adapted
 

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from jouleswarm.learning.heads import head_key, head_of
-from jouleswarm.learning.meta import Params, rate_key
+from jouleswarm.learning.meta import rate_key
+from jouleswarm.learning.passes import Params
 
 
 class MetaModel:

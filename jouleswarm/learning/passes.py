@@ -1,4 +1,4 @@
-"""A network's values, and their gradient into `parameter.grad`: by hand for the stacks that ship, else by autograd.
+"""A network's values, and their gradient: by hand for the stacks that ship, else by autograd.
 
 Around a small network's products autograd takes its time, and leaves a flattened image's gradient in an order that the
 layers below are slow on. A plain stack of layers has its gradient in few lines.
@@ -6,35 +6,60 @@ layers below are slow on. A plain stack of layers has its gradient in few lines.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import torch
 from torch import Tensor, nn
 
-Backward = Callable[[Tensor], None]
+Backward = Callable[[Tensor], object]
 """Takes the slope of a loss in the values; writes the gradient into `parameter.grad`, over what was there."""
 Pass = Callable[[Tensor, int], tuple[Tensor, Backward]]
 """Takes float32 [batch, *observation], gives values [batch, actions] and how to go back for the first so many."""
+Params = dict[str, Tensor]
+Gradient = Callable[[Tensor, Params], None]
+"""Takes the slope of a loss in the values; writes the gradient by parameters' names, over what is there or anew."""
+Pair = tuple[Tensor, Tensor]
+"""A layer's weight and bias, or the gradient of each."""
 
 _WITH_WEIGHTS = (nn.Conv2d, nn.Linear)
 
 
 def values_of(network: nn.Sequential) -> Callable[[Tensor], Tensor]:
     """The network as a function, for where no gradient is asked for."""
-    if not _is_plain(network):
+    if not is_plain(network):
         return network
-    layers = list(network)
-    return lambda x: functools.reduce(lambda values, layer: _forward(layer, values), layers, x)
+    stack = Stack(network)
+    pairs = stack.pairs(dict(network.named_parameters()))
+    return lambda x: stack.values(pairs, x)
 
 
 def pass_of(network: nn.Sequential) -> Pass:
-    """For a network whose parameters have gradients already."""
-    learns = all(parameter.grad is not None for parameter in network.parameters())
-    return _by_hand(network) if learns and _is_plain(network) else _by_autograd(network)
+    """For a network whose parameters have gradients already: into these it is written."""
+    gradients = {name: parameter.grad for name, parameter in network.named_parameters() if parameter.grad is not None}
+    if len(gradients) < len(list(network.parameters())) or not is_plain(network):
+        return _by_autograd(network)
+    stack = Stack(network)
+    pairs = stack.pairs(dict(network.named_parameters()))
+
+    def forward(x: Tensor, learned: int) -> tuple[Tensor, Backward]:
+        values, gradient = stack.there_and_back(pairs, x, learned)
+        return values, lambda slope: gradient(slope, gradients)
+
+    return forward
 
 
-def _is_plain(network: nn.Sequential) -> bool:
+def function_of(network: nn.Sequential) -> Callable[[Params, Tensor], Tensor]:
+    """Its values as a function of parameters by their names and of observations, to be differentiated."""
+    if not is_plain(network):
+        from torch.func import functional_call
+
+        return lambda params, x: functional_call(network, params, (x,))
+    stack = Stack(network)
+    return lambda params, x: stack.differentiable(stack.pairs(params), x)
+
+
+def is_plain(network: nn.Sequential) -> bool:
     """Whether it is convolutions, one flattening and dense layers, and does nothing else (a subclass, a hook)."""
     layers, kinds = list(network), [type(layer) for layer in network]
     if type(network).forward is not nn.Sequential.forward or kinds.count(nn.Flatten) != 1:
@@ -77,58 +102,87 @@ def _by_autograd(network: nn.Sequential) -> Pass:
     return forward
 
 
-def _by_hand(network: nn.Sequential) -> Pass:
-    layers = list(network)
+class Stack:
+    """The layers of a plain network (`is_plain`), with parameters that are given."""
 
-    def forward(x: Tensor, learned: int) -> tuple[Tensor, Backward]:
+    def __init__(self, network: nn.Sequential) -> None:
+        self._layers = list(network)
+        self._names = [(f"{name}.weight", f"{name}.bias") for name, _ in network.named_children()]
+
+    def pairs(self, params: Params) -> list[Pair | None]:
+        """Parameters, or anything else by their names, layer by layer."""
+        return [
+            (params[weight], params[bias]) if isinstance(layer, _WITH_WEIGHTS) else None
+            for layer, (weight, bias) in zip(self._layers, self._names, strict=True)
+        ]
+
+    def values(self, pairs: Sequence[Pair | None], x: Tensor) -> Tensor:
+        """[batch, actions]; not to be differentiated."""
+        for layer, pair in zip(self._layers, pairs, strict=True):
+            x = _forward(layer, pair, x)
+        return x
+
+    def differentiable(self, pairs: Sequence[Pair | None], x: Tensor) -> Tensor:
+        """The same, for autograd."""
+        for layer, pair in zip(self._layers, pairs, strict=True):
+            if isinstance(layer, nn.Flatten) and x.dim() == 4 and x.requires_grad:
+                x.register_hook(_channels_last)  # type: ignore[no-untyped-call]
+            x = x.relu() if isinstance(layer, nn.ReLU) else _forward(layer, pair, x)
+        return x
+
+    def there_and_back(self, pairs: Sequence[Pair | None], x: Tensor, learned: int) -> tuple[Tensor, Gradient]:
+        """Values of all observations, and how to go back for the first so many."""
         seen = [x]
-        for layer in layers:
-            seen.append(_forward(layer, seen[-1]))
-        return seen[-1], lambda slope: _back(layers, [each[:learned] for each in seen], slope)
+        for layer, pair in zip(self._layers, pairs, strict=True):
+            seen.append(_forward(layer, pair, seen[-1]))
+        return seen[-1], partial(self._back, pairs, [each[:learned] for each in seen])
 
-    return forward
+    def _back(self, pairs: Sequence[Pair | None], seen: Sequence[Tensor], slope: Tensor, into: Params) -> None:
+        first = next(index for index, pair in enumerate(pairs) if pair is not None)
+        for index in reversed(range(first, len(pairs))):
+            layer, x, pair, (weight, bias) = self._layers[index], seen[index], pairs[index], self._names[index]
+            if isinstance(layer, nn.Conv2d) and pair is not None:
+                slope, *found = _convolved_back(layer, pair[0], x, slope, further=index > first)
+                for name, gradient in zip((weight, bias), found, strict=True):
+                    into[name] = into[name].copy_(gradient) if name in into else gradient
+            elif pair is not None:
+                into[weight] = torch.mm(slope.t(), x, out=into.get(weight))
+                into[bias] = torch.sum(slope, 0, out=into.get(bias))
+                slope = slope.mm(pair[0]) if index > first else slope
+            elif isinstance(layer, nn.ReLU):
+                slope = torch.ops.aten.threshold_backward(slope, seen[index + 1], 0)
+            else:
+                slope = _channels_last(slope.reshape(x.shape))
 
 
-def _forward(layer: nn.Module, x: Tensor) -> Tensor:
+def _channels_last(slope: Tensor) -> Tensor:
+    """Convolutions, and what is before them, are several times as fast on images that lie channels last."""
+    return slope.contiguous(memory_format=torch.channels_last) if slope.dim() == 4 else slope
+
+
+def _forward(layer: nn.Module, pair: Pair | None, x: Tensor) -> Tensor:
+    if pair is None:
+        return x.relu_() if isinstance(layer, nn.ReLU) else x.flatten(1)
+    weight, bias = pair
     if isinstance(layer, nn.Conv2d):
-        return torch.conv2d(x, layer.weight, layer.bias, layer.stride, 0, layer.dilation, layer.groups)
-    if isinstance(layer, nn.Linear):
-        assert layer.bias is not None
-        return torch.addmm(layer.bias, x, layer.weight.t())
-    return x.relu_() if isinstance(layer, nn.ReLU) else x.flatten(1)
+        return torch.conv2d(x, weight, bias, layer.stride, 0, layer.dilation, layer.groups)
+    return torch.addmm(bias, x, weight.t())
 
 
-def _back(layers: Sequence[nn.Module], seen: Sequence[Tensor], slope: Tensor) -> None:
-    first = next(index for index, layer in enumerate(layers) if isinstance(layer, _WITH_WEIGHTS))
-    for index in reversed(range(first, len(layers))):
-        layer, x = layers[index], seen[index]
-        if isinstance(layer, nn.Linear):
-            torch.mm(slope.t(), x, out=layer.weight.grad)
-            torch.sum(slope, 0, out=layer.bias.grad)
-            slope = slope.mm(layer.weight) if index > first else slope
-        elif isinstance(layer, nn.Conv2d):
-            slope = _convolved_back(layer, x, slope, further=index > first)
-        elif isinstance(layer, nn.ReLU):
-            slope = torch.ops.aten.threshold_backward(slope, seen[index + 1], 0)
-        else:  # convolutions, and what is before them, are several times as fast on images that lie channels last
-            slope = slope.reshape(x.shape).contiguous(memory_format=torch.channels_last)
-
-
-def _convolved_back(layer: nn.Conv2d, x: Tensor, slope: Tensor, *, further: bool) -> Tensor:
-    found, weight, bias = torch.ops.aten.convolution_backward(
-        slope,
-        x,
-        layer.weight,
-        [layer.out_channels],
-        layer.stride,
-        (0, 0),
-        layer.dilation,
-        False,  # not transposed
-        (0, 0),
-        layer.groups,
-        (further, True, True),
+def _convolved_back(layer: nn.Conv2d, weight: Tensor, x: Tensor, slope: Tensor, *, further: bool) -> list[Tensor]:
+    """Slopes in `x` (only if `further`), weight and bias."""
+    return list(
+        torch.ops.aten.convolution_backward(
+            slope,
+            x,
+            weight,
+            [layer.out_channels],
+            layer.stride,
+            (0, 0),
+            layer.dilation,
+            False,  # not transposed
+            (0, 0),
+            layer.groups,
+            (further, True, True),
+        )
     )
-    for parameter, gradient in zip(layer.parameters(), (weight, bias), strict=True):
-        assert parameter.grad is not None
-        parameter.grad.copy_(gradient)
-    return found if further else slope

@@ -21,10 +21,11 @@ from torch.utils.flop_counter import FlopCounterMode
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.scenario.spaces import Observation
 from jouleswarm.common.seeding import stream
-from jouleswarm.learning.meta import TensorBatch, make_loss, meta_gradient, to_tensors
+from jouleswarm.learning.meta import meta_gradient
 from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
+from jouleswarm.learning.task_loss import TensorBatch, make_loss, to_tensors
 
 CPU = torch.device("cpu")
 Call = Callable[[], None]

@@ -18,8 +18,9 @@ from jouleswarm.common.meter.power import gpu, processor
 from jouleswarm.common.scenario.measure import Measure
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.learning.device import accelerator_uuid
-from jouleswarm.learning.meta import clipped, make_loss, plain_gradient
+from jouleswarm.learning.meta import clipped, plain_gradient
 from jouleswarm.learning.networks import build_qnetwork
+from jouleswarm.learning.task_loss import make_loss
 from jouleswarm.methods.beta import Call, Cost, made_up_batches, meta_gradients
 
 ROBOT, DATACENTER = ROLES = ("robot", "datacenter")
@@ -106,7 +107,7 @@ def _gradient(scenario: Scenario, role: str, device: torch.device) -> tuple[Call
     loss = make_loss(model, params, scenario.learning.discount, double=scenario.learning.double)
 
     def gradient() -> None:
-        clipped(plain_gradient(lambda at: loss(at, batch), params), scenario.learning.grad_clip)
+        clipped(plain_gradient(loss, params, [batch]), scenario.learning.grad_clip)
 
     return gradient, sum(value.numel() for value in params.values())
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,12 +16,13 @@ from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.seeding import integer, stream
 from jouleswarm.common.wire.types import Weights
 from jouleswarm.learning.device import compute_device
-from jouleswarm.learning.meta import Params, TensorBatch, make_loss, to_tensors
 from jouleswarm.learning.metamodel import MetaModel
 from jouleswarm.learning.networks import build_qnetwork
 from jouleswarm.learning.optimizers import Adam
+from jouleswarm.learning.passes import Params
 from jouleswarm.learning.replay import Replay
 from jouleswarm.learning.start import saved_start
+from jouleswarm.learning.task_loss import make_loss, sum_of, to_tensors
 from jouleswarm.methods.beta import measure_beta
 from jouleswarm.methods.method import Gradients, Replays
 from jouleswarm.methods.rehearsal import MetaRule, Rehearsal, Samples
@@ -132,11 +131,7 @@ class MetaStage:
 
     def _rehearsal(self, task: int, samples: Samples, *, unseen: bool) -> Rehearsal:
         learning = self._scenario.learning
-        of_batch = make_loss(self._model, self._targets[task], learning.discount, double=learning.double)
-
-        def loss(params: Params, sample: tuple[TensorBatch, ...]) -> Tensor:
-            return functools.reduce(operator.add, (of_batch(params, batch) for batch in sample))
-
+        loss = sum_of(make_loss(self._model, self._targets[task], learning.discount, double=learning.double))
         params, inner = self.meta_model.params(task, unseen=unseen), self._method.inner(self._model)
         rates = {key: log_mu.detach() for key, log_mu in self.meta_model.rates.items()}
         return Rehearsal(params, samples, loss, rates or self._settings.inner_lr, learning.grad_clip, inner)

@@ -23,8 +23,7 @@ class Multitask(MetaMethod):
         """The loss's gradient at the model itself, which its target network follows."""
         from jouleswarm.learning.meta import plain_gradient
 
-        (sample,) = task.samples.support
-        return plain_gradient(lambda at: task.loss(at, sample), task.params), task.params
+        return plain_gradient(task.loss, task.params, task.samples.support), task.params
 
     def updates(self, samples: Samples, inner_steps: int) -> list[Samples]:
         """One for each sample."""

@@ -11,7 +11,8 @@ from jouleswarm.common.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from jouleswarm.learning.meta import Rate, TensorBatch
+    from jouleswarm.learning.meta import Rate
+    from jouleswarm.learning.task_loss import TensorBatch
 
     Params = dict[str, Tensor]
     Sample = tuple[TensorBatch, ...]

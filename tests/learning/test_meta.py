@@ -10,15 +10,13 @@ from torch import Tensor, nn
 from jouleswarm.common.scenario.sections import Network
 from jouleswarm.learning.meta import (
     Params,
-    TensorBatch,
     adapt,
     clipped,
-    make_loss,
     meta_gradient,
     query_loss,
-    to_tensors,
 )
 from jouleswarm.learning.replay import Batch
+from jouleswarm.learning.task_loss import TensorBatch, make_loss, to_tensors
 from tests.made_up import qnetwork
 
 
