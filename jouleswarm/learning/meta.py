@@ -64,10 +64,12 @@ def plain_gradient(loss: Loss[S], params: Params, samples: Sequence[S], of: Coll
 
     `of`: of these parameters, by default of all.
     """
+    of = params if of is None else of
     if isinstance(loss, ByHand):
-        found = added([loss.gradient(params, each, 1 / len(samples)) for each in reversed(samples)])  # autograd's order
-        return {name: found[name] for name in of or params}
-    leaves = _leaves({name: params[name] for name in of or params})
+        share = 1 / len(samples)
+        found = added([loss.gradient(params, each, share, of) for each in reversed(samples)])  # autograd's order
+        return {name: found[name] for name in of}
+    leaves = _leaves({name: params[name] for name in of})
     return _slope(query_loss(params | leaves, samples, loss), leaves, further=False)
 
 

@@ -6,7 +6,7 @@ layers below are slow on. A plain stack of layers has its gradient in few lines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 import torch
@@ -108,6 +108,7 @@ class Stack:
     def __init__(self, network: nn.Sequential) -> None:
         self._layers = list(network)
         self._names = [(f"{name}.weight", f"{name}.bias") for name, _ in network.named_children()]
+        self._lowest = self._lowest_of([name for names in self._names for name in names])
 
     def pairs(self, params: Params) -> list[Pair | None]:
         """Parameters, or anything else by their names, layer by layer."""
@@ -130,15 +131,28 @@ class Stack:
             x = x.relu() if isinstance(layer, nn.ReLU) else _forward(layer, pair, x)
         return x
 
-    def there_and_back(self, pairs: Sequence[Pair | None], x: Tensor, learned: int) -> tuple[Tensor, Gradient]:
-        """Values of all observations, and how to go back for the first so many."""
+    def there_and_back(
+        self, pairs: Sequence[Pair | None], x: Tensor, learned: int, of: Collection[str] | None = None
+    ) -> tuple[Tensor, Gradient]:
+        """Values of all observations, and how to go back for the first so many: down to the lowest of the parameters
+        `of`, by default of all."""
         seen = [x]
         for layer, pair in zip(self._layers, pairs, strict=True):
             seen.append(_forward(layer, pair, seen[-1]))
-        return seen[-1], partial(self._back, pairs, [each[:learned] for each in seen])
+        first = self._lowest if of is None else self._lowest_of(of)
+        return seen[-1], partial(self._back, first, pairs, [each[:learned] for each in seen])
 
-    def _back(self, pairs: Sequence[Pair | None], seen: Sequence[Tensor], slope: Tensor, into: Params) -> None:
-        first = next(index for index, pair in enumerate(pairs) if pair is not None)
+    def _lowest_of(self, names: Collection[str]) -> int:
+        layers = zip(self._layers, self._names, strict=True)
+        return next(
+            index
+            for index, (layer, own) in enumerate(layers)
+            if isinstance(layer, _WITH_WEIGHTS) and not {*own}.isdisjoint(names)
+        )
+
+    def _back(
+        self, first: int, pairs: Sequence[Pair | None], seen: Sequence[Tensor], slope: Tensor, into: Params
+    ) -> None:
         for index in reversed(range(first, len(pairs))):
             layer, x, pair, (weight, bias) = self._layers[index], seen[index], pairs[index], self._names[index]
             if isinstance(layer, nn.Conv2d) and pair is not None:

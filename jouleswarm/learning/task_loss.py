@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
@@ -30,8 +30,8 @@ class Loss(Protocol[S]):
 class ByHand(Protocol[S]):
     """A loss that knows its gradient, where nothing is to be differentiated through that."""
 
-    def gradient(self, params: Params, sample: S, share: float) -> Params:
-        """Of `share` times the loss."""
+    def gradient(self, params: Params, sample: S, share: float, of: Collection[str]) -> Params:
+        """Of `share` times the loss, in the parameters `of`; others' may be there too."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,9 @@ class PlainSum(TaskSum):
         super().__init__(loss)
         self._plain = loss
 
-    def gradient(self, params: Params, sample: Sequence[TensorBatch], share: float) -> Params:
+    def gradient(self, params: Params, sample: Sequence[TensorBatch], share: float, of: Collection[str]) -> Params:
         """See `ByHand`."""
-        return added([self._plain.gradient(params, batch, share) for batch in reversed(sample)])  # autograd's order
+        return added([self._plain.gradient(params, batch, share, of) for batch in reversed(sample)])  # autograd's order
 
 
 def added(parts: Sequence[Params]) -> Params:
@@ -124,9 +124,10 @@ class PlainLoss(TaskLoss):
         self._stack = Stack(model)
 
     @torch.no_grad()
-    def gradient(self, params: Params, batch: TensorBatch, share: float) -> Params:
+    def gradient(self, params: Params, batch: TensorBatch, share: float, of: Collection[str]) -> Params:
         """See `ByHand`."""
-        values, gradient = self._stack.there_and_back(self._stack.pairs(params), batch.frames, len(batch.frames))
+        pairs = self._stack.pairs(params)
+        values, gradient = self._stack.there_and_back(pairs, batch.frames, len(batch.frames), of)
         _, slope = td_slope(values, batch.actions, self._goal(params, batch))
         found: Params = {}
         gradient(slope.mul_(share), found)
