@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from benchmarks.harness import parser
 from benchmarks.tuning_ranges import BASELINE, METHODS, SCREENED, SEEDS, Tuned, draw
-from benchmarks.tuning_table import Outcome, Row, read_rows, write_outcome, write_trials
+from benchmarks.tuning_table import Outcome, Row, read_rows, write_best, write_outcome, write_trials
 from jouleswarm.common.process import one_line_errors
 from jouleswarm.common.scenario.reading import load_scenario
 
@@ -185,10 +185,11 @@ class Tuner:
         print(f"{time.strftime('%H:%M:%S')} {done}/{every} {what}: {came}; {settings or 'as it stands'}", flush=True)
 
     def write(self) -> None:
-        """Both files anew."""
+        """All files anew."""
         options = self.options
         write_trials(self.trials_csv, list(self.rows.values()))
         write_outcome(options.out / "tuning.md", self.outcomes(), options.trials, options.t0, options.max_rounds)
+        write_best(options.out / "best.toml", self.outcomes())
 
 
 def main() -> None:

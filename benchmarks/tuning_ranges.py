@@ -59,11 +59,12 @@ class Tuned:
 
 
 ONE_HEAD = ("meta.heads=shared",)
+PAPERS = Tuned("maml-shared", "maml", INNER | META_SGD, ONE_HEAD)
 # The order is that of the work: what is worth most comes first.
 METHODS = (
     Tuned(BASELINE, "fl", ROBOTS),
     Tuned("multitask", "multitask", OUTER | HEADS),
-    Tuned("maml-shared", "maml", INNER | META_SGD, ONE_HEAD),
+    PAPERS,
     Tuned("fomaml-shared", "fomaml", INNER | META_SGD, ONE_HEAD),
     Tuned("maml-heads", "maml", INNER | META_SGD | HEADS),
     Tuned("fomaml-heads", "fomaml", INNER | META_SGD | HEADS),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.tuning_ranges import BASELINE, METHODS, SCREENED, SEEDS, Tuned
+from benchmarks.tuning_ranges import BASELINE, METHODS, PAPERS, SCREENED, SEEDS, Tuned
 from jouleswarm.studies.estimates import estimate
 
 
@@ -89,6 +90,27 @@ def write_outcome(path: Path, outcomes: Sequence[Outcome], trials: int, t0: int,
         lines += [f"| {tuned.name} | `{name}` | {values} |" for name, values in tuned.ranges.items()]
         lines += [f"| {tuned.name} | `{each}` | fixed |" for each in tuned.fixed]
     path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def write_best(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Settings as `jouleswarm study --tuned` takes them, of what has been tuned to the end.
+
+    Exact MAML has one head for all tasks, as the paper's; of first-order MAML's two rows the better one is taken.
+    """
+    done = {each.tuned.name: each for each in outcomes if each.best}
+    robots = done[BASELINE].best[0].settings.split() if BASELINE in done else []
+    rows = {each.tuned.method: each for each in sorted(done.values(), key=_rounds, reverse=True)}
+    rows |= {PAPERS.method: done[PAPERS.name]} if PAPERS.name in done else {}
+    lines = ["# By python -m benchmarks.tuning.", f"robots = {json.dumps(robots)}", "", "[methods]"]
+    for method, outcome in sorted(rows.items()):
+        if method != BASELINE:
+            own = [each for each in outcome.best[0].settings.split() if each not in robots]
+            lines.append(f"{method} = {json.dumps(own)}")
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _rounds(outcome: Outcome) -> int:
+    return sum(row.rounds for row in outcome.best)
 
 
 def _line(outcome: Outcome, baseline: dict[int, int]) -> str:

@@ -11,6 +11,8 @@ What a name stands for is a factory: called with a task's kwargs it gives a gymn
 - `check(scenario)`: yields a line for each thing that does not fit together.
 - `digest(scenario)`: text of whatever else the environment depends on, files for example.
 - `resolve(data, folder)`: the scenario's data with paths that hold from anywhere.
+- `share(scenario)`: makes, and returns, what all robots of a machine may share in memory: called once in the process
+  that they are forked from; must start no thread.
 """
 
 from __future__ import annotations

@@ -91,6 +91,11 @@ class Problem(Section):
         tables = {name: self.own(name, kind) for name, kind in getattr(factory, "sections", {}).items()}
         return make(self.environment, factory, self.task(task), tables)
 
+    def share(self) -> object:
+        """What the environment has its robots share in memory, made for who is forked then; None: nothing."""
+        share = getattr(self.factory, "share", None)
+        return None if share is None else share(self)
+
     @cached_property
     def known(self) -> list[tuple[tuple[Any, ...], Interface | Spaces]]:
         """Sizes that have been found out, each with the settings that it holds for."""

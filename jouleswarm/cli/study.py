@@ -46,6 +46,9 @@ T0 = Annotated[int | None, typer.Option("--t0", help="Rounds of meta-training. D
 Methods = Annotated[
     str | None, typer.Option(help="Methods, with commas between; fl is always among them. Default: the study's own.")
 ]
+TunedOption = Annotated[
+    Path | None, typer.Option("--tuned", help="TOML file with settings of single methods (results/tuning/best.toml).")
+]
 Workers = Annotated[int, typer.Option(help="Deployments at a time, on this machine.")]
 Work = Annotated[Path | None, typer.Option(help="Folder for run directories. Default: runs/study-NAME-PROFILE.")]
 Results = Annotated[
@@ -142,6 +145,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         first_seed: FirstSeed = 1,
         t0: T0 = None,
         methods: Methods = None,
+        tuned: TunedOption = None,
         workers: Workers = _CORES,
         scheduler: Scheduler = None,
         work: Work = None,
@@ -152,6 +156,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         from jouleswarm.studies.catalogue import kind_of
         from jouleswarm.studies.jobs import Request, range_of_seeds
         from jouleswarm.studies.run import Where, run_study
+        from jouleswarm.studies.tuned import read_tuned
 
         kind = kind_of(name)
         label = profile.value if scenario is None else scenario.stem
@@ -161,6 +166,7 @@ def _command(name: StudyName) -> Callable[..., None]:
             seeds=range_of_seeds(kind.seeds if seeds is None else seeds, first_seed),
             t0=kind.t0 if t0 is None else t0,
             methods=tuple(each.strip() for each in (methods or "").split(",") if each.strip()),
+            tuned=read_tuned(tuned),
         )
         where = Where(
             work=work or Path("runs") / f"study-{name}-{label}",

@@ -196,13 +196,14 @@ def _deploy(
     with ExitStack() as stack:
         stack.enter_context(telling_what_is_kept(directory.path))
         stack.enter_context(usable("run directory", directory.path, RunError))
-        told = partial(_tell, console, directory.path)
+        told, manifest = partial(_tell, console, directory.path), (directory.path / MANIFEST).resolve()
         launcher = stack.enter_context(
             Launcher(
                 directory.path / "logs",
                 options.restarts,
                 told,
                 may_miss=lambda name: goes_on and name.startswith("agent-"),
+                scenario=manifest,
             )
         )
         remote = stack.enter_context(place.begun(directory.path, state, options.restarts, told, goes_on=goes_on))
@@ -219,8 +220,7 @@ def _deploy(
         line = url if intruder is None else stack.enter_context(intruder.line(url, launcher, recorder))
         show = stack.enter_context(shown(options.view, console, scenario, recorder))
         launcher.meanwhile = partial(_look, recorder, show)
-        held = ["--scenario", str((directory.path / MANIFEST).resolve())]
-        common = ["--broker", line, *keys, "--run", run, *held, "--keep-state", "--quiet"]
+        common = ["--broker", line, *keys, "--run", run, "--scenario", str(manifest), "--keep-state", "--quiet"]
         common += ["--durable"] if options.durable or remote else []  # another machine sees what is on the disk
         common += ["--other-processor"] if options.other_processor else []
         common += ["--keep-ends"] if keeps_ends else []

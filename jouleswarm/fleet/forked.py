@@ -53,13 +53,15 @@ class Forked:
 class ForkServer:
     """One fork server, and the processes that it started. Its own output goes to the file `log`."""
 
-    def __init__(self, log: Path) -> None:
+    def __init__(self, log: Path, scenario: Path | None = None) -> None:
+        """`scenario`: a file, of what the processes are to share (see `common.scenario.environments`)."""
         self.log, self.is_gone = log, False
         self._children: dict[int, Forked] = {}
         self._begun: list[Forked] = []
         self._heard = b""
         self._socket, theirs = socket.socketpair()
         command = [*command_of("jouleswarm.fleet.forkserver"), str(theirs.fileno()), str(os.getpid())]
+        command += [] if scenario is None else [str(scenario)]
         with theirs, log.open("ab") as output:
             # A session of its own: a Ctrl-C at the terminal is for the launcher alone.
             self._process = subprocess.Popen(

@@ -1,4 +1,5 @@
-"""The fork server: loads the libraries once, then forks a process for each order; all share the memory of these.
+"""The fork server: loads the libraries once, and draws what all robots see, then forks a process for each order; all
+share the memory of these.
 
 Orders come from the launcher over a socket, one line of JSON each; the answers tell which process has begun, and which
 has ended with what code. It ends when the launcher ends, however that happens, and all its processes end with it.
@@ -41,6 +42,10 @@ PRELOAD = (
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
+_shared: list[object] = []
+"""Held for the processes that are forked."""
+
+
 class Order(NamedTuple):
     """Run `python -m MODULE ARGUMENTS`, what it prints going to the file `log`."""
 
@@ -50,18 +55,19 @@ class Order(NamedTuple):
 
 
 def main() -> None:
-    """Arguments: a descriptor, the socket to the launcher; and the launcher's process id."""
-    descriptor, parent = map(int, sys.argv[1:])
-    end_with(parent)  # before the libraries are loaded: that takes seconds
-    load()
-    order = serve(socket.socket(fileno=descriptor))
+    """Arguments: a descriptor, the socket to the launcher; the launcher's process id; perhaps a scenario file."""
+    descriptor, parent, *scenario = sys.argv[1:]
+    end_with(int(parent))  # before the libraries are loaded: that takes seconds
+    load(*scenario)
+    order = serve(socket.socket(fileno=int(descriptor)))
     if order is not None:
         gc.enable()
         run_module(order)
 
 
-def load() -> None:
-    """Import `PRELOAD`, without garbage collection, and keep it from ever looking at what there is now.
+def load(scenario: str | None = None) -> None:
+    """Import `PRELOAD`, without garbage collection, and keep it from ever looking at what there is now; and have the
+    environment of a scenario make what its robots share.
 
     Between the imports it would find nothing and take a quarter of their time; in a forked process it would write to
     each object, and so copy all memory that is shared.
@@ -69,6 +75,10 @@ def load() -> None:
     gc.disable()
     for module in PRELOAD:
         importlib.import_module(module)
+    if scenario is not None:
+        from jouleswarm.common.scenario.reading import load_scenario
+
+        _shared.append(load_scenario(scenario).share())
     gc.freeze()
 
 

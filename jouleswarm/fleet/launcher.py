@@ -35,13 +35,15 @@ class Launcher:
         told: Callable[[str], None] = lambda line: None,
         may_miss: Callable[[str], bool] = lambda name: False,
         fork_server: str = "fork-server",
+        scenario: Path | None = None,
     ) -> None:
         """A process that a signal has ended is started again up to `restarts` times, and `told` in a line.
 
-        Then that is an error, unless the others go on without it: `may_miss`. `fork_server`: name of its log.
+        Then that is an error, unless the others go on without it: `may_miss`. `fork_server`: name of its log;
+        `scenario`: the file that the processes are told of.
         """
         self._logs, self._restarts, self._told, self._may_miss = logs, restarts, told, may_miss
-        self._fork_server = fork_server
+        self._fork_server, self._scenario = fork_server, scenario
         self.meanwhile: Callable[[], None] = lambda: None
         """Called again and again while a process is started."""
         self._missed: set[str] = set()
@@ -117,7 +119,7 @@ class Launcher:
             RunError: the fork server ended, or does not answer.
         """
         if self._server is None:
-            self._server = ForkServer(self._log(self._fork_server))
+            self._server = ForkServer(self._log(self._fork_server), self._scenario)
         self._children[name] = self._server.start(Order(module, arguments, str(self._log(name))), self.meanwhile)
         self._commands[name] = module, arguments
 

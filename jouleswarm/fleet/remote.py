@@ -17,6 +17,7 @@ from jouleswarm.common.disk.lock import await_free
 from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RunError
 from jouleswarm.fleet.placement import placed
 from jouleswarm.fleet.worker import Group, run_group
+from jouleswarm.runs.directory import MANIFEST
 
 _END_S = 8.0
 _ALL = "all"  # Dask's own topic: workers that come and go
@@ -93,6 +94,7 @@ class Remote:
             self._groups[str(number)] = Group(
                 name=str(number),
                 processes={name: processes[name] for name in names},
+                scenario=self._run / MANIFEST,
                 logs=self._run / "logs",
                 states=self._states,
                 restarts=self._restarts,

@@ -28,6 +28,8 @@ class Group:
     name: str
     processes: Mapping[str, tuple[str, list[str]]]
     """Process -> module and arguments."""
+    scenario: Path
+    """File of it, as in their arguments."""
     logs: Path
     states: Path
     """Folder with each process's state, by its name."""
@@ -64,7 +66,12 @@ def run_group(group: Group) -> None:
     told(began=worker.address)
     try:
         with Launcher(
-            group.logs, group.restarts, lambda line: told(line=line), group.may_miss, f"fork-server-{group.name}"
+            group.logs,
+            group.restarts,
+            lambda line: told(line=line),
+            group.may_miss,
+            fork_server=f"fork-server-{group.name}",
+            scenario=group.scenario,
         ) as launcher:
             launcher.meanwhile = look
             _await_free(group, look, told)

@@ -15,6 +15,7 @@ from jouleswarm.common.scenario.documents import parse_toml
 from jouleswarm.common.scenario.reading import load_scenario, scenario_path
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.methods.consensus import BASELINE
+from jouleswarm.studies.tuned import UNTUNED, Tuned
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Request:
     t0: int
     methods: tuple[str, ...] = ()
     """Those asked for in place of the study's own."""
+    tuned: Tuned = UNTUNED
 
     @property
     def text(self) -> str:
@@ -95,8 +97,14 @@ class Request:
             ) from error
 
     def scenario(self, settings: Sequence[str], more: Sequence[str] = ()) -> Scenario:
-        """The scenario with the study's settings, then the user's changes, then `more`."""
-        return load_scenario(self.scenario_file, [*settings, *self.overrides, *more])
+        """The scenario with the study's settings, what is tuned for its methods, the user's changes, then `more`."""
+        return load_scenario(self.scenario_file, [*self._with_tuned(settings, more), *self.overrides, *more])
+
+    def _with_tuned(self, settings: Sequence[str], more: Sequence[str]) -> tuple[str, ...]:
+        if self.tuned == UNTUNED:
+            return tuple(settings)
+        untuned = load_scenario(self.scenario_file, [*settings, *self.overrides, *more])
+        return (*settings, *self.tuned.of(untuned.method_names))
 
     @property
     def meta_methods(self) -> tuple[str, ...]:
@@ -126,14 +134,15 @@ class Request:
     ) -> list[Job]:
         """Every variant under every seed (default: all that were asked for).
 
-        The study's `settings` come first, then the user's changes, then the variant's own: what a study varies
-        differs between its variants whatever the user has set.
+        The study's `settings` come first, then what is tuned for the methods, then the user's changes, then the
+        variant's own: what a study varies differs between its variants whatever the user has set.
         """
         text, named = self.text, self.scenario(settings).files
         files = tuple((name, path.read_bytes()) for name, path in sorted(named.items()))
         return [
-            Job(variant.label, seed, text, (*settings, *self.overrides, *variant.overrides), files)
+            Job(variant.label, seed, text, (*first, *self.overrides, *variant.overrides), files)
             for variant in variants
+            for first in [self._with_tuned(settings, variant.overrides)]
             for seed in (self.seeds if seeds is None else seeds)
         ]
 

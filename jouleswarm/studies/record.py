@@ -11,6 +11,7 @@ from jouleswarm.common.errors import ConfigurationError, StudyError
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.energy.prices import PriceList, price_lists
 from jouleswarm.studies.files import write_atomically
+from jouleswarm.studies.tuned import UNTUNED, Tuned
 
 RECORD, MODEL_SUFFIX = "study.json", ".safetensors"
 
@@ -33,6 +34,9 @@ class Record(BaseModel):
 
     training: dict[str, tuple[int, ...]] = Field(default_factory=dict)
     """Variant -> tasks of its meta-training, where these are other ones than the scenario's."""
+
+    tuned: Tuned = UNTUNED
+    """Settings of single methods, which `scenario` need not have."""
 
     def seen(self, variant: str) -> tuple[int, ...]:
         """Tasks that meta-training has seen."""

@@ -14,6 +14,7 @@ from benchmarks.tuning import Tuner, Unit, best_of, next_places
 from benchmarks.tuning_ranges import METHODS, SEEDS, Between, OneOf, draw
 from benchmarks.tuning_table import read_rows
 from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.studies.tuned import read_tuned
 
 TOY = "scenarios/toy.toml"
 
@@ -118,6 +119,7 @@ def test_the_best_robots_without_transfer_are_every_methods(tmp_path: Path) -> N
     assert robots[0].startswith("learning.lr=")
     others = [unit for unit in tuner.run_units if unit.method == "maml-shared"]
     assert {unit.settings[: len(robots)] for unit in others} == {robots}
+
     assert {unit.settings[len(robots)] for unit in others} == {"meta.heads=shared"}
     fl, maml = tuner.outcomes()
     # seeds 101 to 106 less 90: 11 to 16 rounds
@@ -132,3 +134,17 @@ def test_another_scenarios_rows_are_kept_and_not_taken_for_these(tmp_path: Path)
     assert len(other.waiting()) == 4
     other.run()
     assert len(read_rows(tmp_path / "trials.csv")) == 32
+
+
+def test_the_best_settings_are_as_studies_take_them(tmp_path: Path) -> None:
+    tuner = Counted(options(tmp_path))
+    tuner.run()
+    best = read_tuned(tmp_path / "best.toml")
+    # Trial 1 takes 90 rounds less than trial 0 by what `Counted` tells.
+    robots, paper = (
+        next(unit.settings for unit in tuner.run_units if (unit.method, unit.trial) == (method, 1))
+        for method in ("fl", "maml-shared")
+    )
+    assert best.robots == robots
+    assert best.methods == {"maml": paper[len(robots) :]}
+    assert best.methods["maml"][0] == "meta.heads=shared"

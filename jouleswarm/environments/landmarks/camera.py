@@ -21,7 +21,7 @@ class Camera:
     """Frames of one world. Its views are shared by all cameras like it in a process."""
 
     def __init__(self, world: World, settings: CameraSettings, obstacles: frozenset[Cell] = frozenset()) -> None:
-        self._views = views_of(world, settings, obstacles)
+        self.views = views_of(world, settings, obstacles)
         self._frame = settings.width, settings.height
         self._noise = Noise(settings.noise, settings.width * settings.height * 4)
 
@@ -33,7 +33,7 @@ class Camera:
         and of growing rows, the tilt within half the heading's. The same settings, cell and state of `rng` give
         the same frame.
         """
-        cut, at = self._views.cut(cell, rng)
+        cut, at = self.views.cut(cell, rng)
         frame = np.asarray(cv2.resize(cut, self._frame, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
         self._noise.add(frame, at)
         return frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from itertools import product
 from pathlib import Path
 from typing import Protocol
 from weakref import WeakValueDictionary
@@ -50,6 +51,22 @@ def new_camera(scenario: Scenario, size: Size | None = None) -> Frames:
     if size is not None:
         return SmallCamera(world, settings, shared_obstacles(scenario), size)
     return Camera(world, settings, shared_obstacles(scenario))
+
+
+def drawn_cameras(scenario: Scenario) -> list[Frames]:
+    """Those that a scenario's robots need, with all landmarks drawn; none of recorded pictures. For who holds them and
+    is forked then."""
+    world, settings = world_of(scenario), camera_of(scenario)
+    if settings.frames is not None:
+        return []
+    kept = scenario.spaces.observation.kept(scenario.network).shape
+    small = (kept[1], kept[0]) if settings.draw == "input" else None
+    sizes = {small, None} if scenario.experience_methods else {small}
+    cameras = [camera_in_use(scenario, size) for size in sizes]
+    for camera, row, col in product(cameras, range(world.rows), range(world.cols)):
+        assert isinstance(camera, Camera | SmallCamera)
+        camera.views.of((row, col))
+    return cameras
 
 
 def camera_in_use(scenario: Scenario, size: Size | None = None) -> Frames:

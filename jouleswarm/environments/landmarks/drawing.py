@@ -38,19 +38,20 @@ class Views:
 
     def cut(self, cell: Cell, rng: np.random.Generator) -> tuple[Frame, int]:
         """The part of one of a landmark's views that a robot sees now, read-only; and where its noise starts."""
-        views = self._drawn.get(cell) or self._draw_once(cell)
+        views = self.of(cell)
         pose, dx, dy, at = rng.integers((len(views), 2 * self._margin + 1, self._margin + 1, NOISE_SPAN))
         width, height = self._size
         return views[pose][dy : dy + height, dx : dx + width], int(at)
 
-    def _draw_once(self, cell: Cell) -> list[Frame]:
-        with self._lock:
-            if cell not in self._drawn:
-                self._drawn[cell] = self._draw(cell)
+    def of(self, cell: Cell) -> list[Frame]:
+        """A landmark's views, uint8 [height, width, 4] each, from poses that only its place decides; read-only."""
+        if cell not in self._drawn:
+            with self._lock:
+                if cell not in self._drawn:
+                    self._drawn[cell] = self._draw(cell)
         return self._drawn[cell]
 
     def _draw(self, cell: Cell) -> list[Frame]:
-        """The views of a landmark, uint8 [height, width, 4] each, from poses that only its place decides."""
         jitter = self._settings.pose_jitter_m / self._cell_m
         rng = np.random.default_rng([_SEED, *cell])
         poses = rng.uniform(-jitter, jitter, (_POSES if jitter else 1, 2)) + np.array([cell[1], cell[0]])

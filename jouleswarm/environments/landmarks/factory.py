@@ -52,6 +52,12 @@ class Factory:
 
         return LandmarksEnv(task=task, scenario=scenario, camera=camera_in_use(scenario))
 
+    def share(self, scenario: Scenario) -> object:
+        """Cameras with every landmark drawn, as robots look at them and as they send them up."""
+        from jouleswarm.environments.landmarks.cameras import drawn_cameras
+
+        return drawn_cameras(scenario)
+
     def spaces(self, scenario: Scenario) -> Spaces:
         """A frame, and the four motions."""
         camera = camera_of(scenario)

@@ -29,14 +29,14 @@ class SmallCamera:
         finer = min(_FINER, max(1, settings.width // (SCALE * size[0])))  # whole numbers shrink fastest
         width = SCALE * finer * size[0]
         height = max(1, round(width * settings.height / settings.width))
-        self._views = views_of(world, settings.model_copy(update={"width": width, "height": height}), obstacles)
+        self.views = views_of(world, settings.model_copy(update={"width": width, "height": height}), obstacles)
         self._frame = size
         averaged = max(1.0, settings.width * settings.height / (size[0] * size[1]))
         self._noise = Noise(settings.noise / math.sqrt(averaged), size[0] * size[1] * 4)
 
     def frame(self, cell: Cell, rng: np.random.Generator) -> Frame:
         """As of `camera.Camera`, uint8 [size[1], size[0], 4]."""
-        cut, at = self._views.cut(cell, rng)
+        cut, at = self.views.cut(cell, rng)
         frame = np.asarray(cv2.resize(cut, self._frame, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         self._noise.add(frame, at)
         return frame
