@@ -44,3 +44,31 @@ def test_the_fork_server_has_what_a_robot_needs_and_no_thread() -> None:
     # A robot that learns loads next to nothing more: 48 robots would load it 48 times.
     assert not [name for name in found["after"] if name.startswith("jouleswarm")]
     assert len(found["after"]) < 10, found["after"]
+
+
+SHARED = """
+import os
+from jouleswarm.fleet.forkserver import load
+load("toy")
+assert len(os.listdir("/proc/self/task")) == 1
+
+import jouleswarm.environments.landmarks.drawing as drawing
+from jouleswarm.common.scenario.reading import load_scenario
+
+def cast(*_):
+    raise AssertionError("a landmark was drawn again")
+
+drawing.cast = cast
+scenario = load_scenario("toy")
+kept = scenario.spaces.observation.kept(scenario.network).shape
+for task in scenario.clusters:
+    env = scenario.make(task).unwrapped
+    for size in (None, kept):
+        assert env.show_as(size)
+        for start in env.start("anywhere", 0, 1):
+            env.reset(seed=1, options=start)
+"""
+
+
+def test_what_robots_see_is_drawn_before_they_are_forked() -> None:
+    subprocess.run([sys.executable, "-c", SHARED], env={**os.environ, **ONE_THREAD}, check=True)

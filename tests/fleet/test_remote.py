@@ -27,8 +27,10 @@ class MadeUp:
     left: threading.Event
     error: str | None
 
-    def __init__(self, logs: Path, restarts: int, told: Callable[[str], None], may_miss: Any, fork_server: str) -> None:
-        self.log, self.told = fork_server, told
+    def __init__(
+        self, logs: Path, restarts: int, told: Callable[[str], None], may_miss: Any, fork_server: str, scenario: Path
+    ) -> None:
+        self.log, self.told, self.scenario = fork_server, told, scenario
 
     def __enter__(self) -> Self:
         return self
@@ -37,7 +39,7 @@ class MadeUp:
         self.left.set()
 
     def start(self, name: str, module: str, arguments: list[str]) -> None:
-        self.started[name] = self.log
+        self.started[name] = f"{self.log} of {self.scenario.relative_to(self.scenario.parents[1])}"
 
     is_at_work = True
 
@@ -84,7 +86,8 @@ def test_each_worker_has_its_processes_and_a_run_that_is_left_ends_them_all(
     assert made_up.left.wait(DEADLINE_S)
     first, second = sorted(client.nthreads())
     assert sorted(told) == [f"worker {first}: agent-1, agent-3", f"worker {second}: agent-2"]
-    assert made_up.started == {"agent-1": "fork-server-1", "agent-3": "fork-server-1", "agent-2": "fork-server-2"}
+    first, second = (f"fork-server-{group} of r/manifest.json" for group in (1, 2))
+    assert made_up.started == {"agent-1": first, "agent-3": first, "agent-2": second}
 
 
 def test_a_process_that_fails_on_a_worker_ends_the_run_with_its_last_words(
