@@ -49,7 +49,7 @@ def test_the_fork_server_has_what_a_robot_needs_and_no_thread() -> None:
 SHARED = """
 import os
 from jouleswarm.fleet.forkserver import load
-load("toy")
+load("quick")
 assert len(os.listdir("/proc/self/task")) == 1
 
 import jouleswarm.environments.landmarks.drawing as drawing
@@ -59,7 +59,7 @@ def cast(*_):
     raise AssertionError("a landmark was drawn again")
 
 drawing.cast = cast
-scenario = load_scenario("toy")
+scenario = load_scenario("quick")
 kept = scenario.spaces.observation.kept(scenario.network).shape
 for task in scenario.clusters:
     env = scenario.make(task).unwrapped
