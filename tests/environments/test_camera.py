@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jouleswarm.codecs.frames import resize
-from jouleswarm.common.scenario.reading import scenario_from
+from jouleswarm.common.scenario.reading import load_scenario, scenario_from
 from jouleswarm.environments.landmarks.camera import Camera
 from jouleswarm.environments.landmarks.settings import Camera as CameraSettings
 from jouleswarm.environments.landmarks.settings import World, shared_obstacles
@@ -137,3 +137,13 @@ def test_a_small_camera_has_the_noise_that_averaging_leaves() -> None:
     of, clean = ([look(camera, (7, 2), seed).astype(float) for seed in range(200)] for camera in cameras)
     inside = (np.array(clean) > 3) & (np.array(clean) < 252)
     assert (np.array(of) - np.array(clean))[inside].std() == pytest.approx(0.58, abs=0.05)
+
+
+def test_a_world_of_many_landmarks_is_not_drawn_ahead() -> None:
+    few, many = (
+        load_scenario("quick", [f"camera.width={width}", f"camera.height={height}"])
+        for width, height in ((96, 72), (4096, 4096))
+    )
+    # 40 landmarks x 96 x 72 are 0.3 million pixels, 40 x 4096 x 4096 are 671 million.
+    assert len(few.share()) == 2  # type: ignore[arg-type] -- as robots look, and as they send it
+    assert many.share() == []

@@ -32,6 +32,10 @@ class Frames(Protocol):
         """What the robot at `cell` sees: uint8 [height, width, 4], an array of its own."""
 
 
+_MOST_AHEAD = 50_000_000
+"""Landmarks x pixels of a frame: some five seconds of drawing, 150 MB."""
+
+
 class _InUse(threading.local):
     def __init__(self) -> None:
         self.cameras: WeakValueDictionary[object, Frames] = WeakValueDictionary()
@@ -54,10 +58,13 @@ def new_camera(scenario: Scenario, size: Size | None = None) -> Frames:
 
 
 def drawn_cameras(scenario: Scenario) -> list[Frames]:
-    """Those that a scenario's robots need, with all landmarks drawn; none of recorded pictures. For who holds them and
-    is forked then."""
+    """Those that a scenario's robots need, with all landmarks drawn, for who holds them and is forked then.
+
+    None of recorded pictures, nor of so large a world that drawing would take many seconds before the first robot
+    begins: there each draws what it sees.
+    """
     world, settings = world_of(scenario), camera_of(scenario)
-    if settings.frames is not None:
+    if settings.frames is not None or world.rows * world.cols * settings.width * settings.height > _MOST_AHEAD:
         return []
     kept = scenario.spaces.observation.kept(scenario.network).shape
     small = (kept[1], kept[0]) if settings.draw == "input" else None
