@@ -24,6 +24,7 @@ from jouleswarm.common.host import machine
 PARTS = (
     "startup --robots 48 --pairs 3",
     "gradient_step",
+    "datacenter_gradient --repeats 5",
     "bus_round --rounds 4 --pairs 2",
     "broker_throughput --rounds 9",
     "broker_small --rounds 3",
