@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from benchmarks.harness import parser
 from benchmarks.tuning_ranges import BASELINE, METHODS, SCREENED, SEEDS, Tuned, draw
-from benchmarks.tuning_table import Outcome, Row, read_rows, write_best, write_outcome, write_trials
+from benchmarks.tuning_table import Outcome, Row, read_rows, write_best, write_outcome, write_table, write_trials
 from jouleswarm.common.process import one_line_errors
 from jouleswarm.common.scenario.reading import load_scenario
 
@@ -189,6 +189,7 @@ class Tuner:
         options = self.options
         write_trials(self.trials_csv, list(self.rows.values()))
         write_outcome(options.out / "tuning.md", self.outcomes(), options.trials, options.t0, options.max_rounds)
+        write_table(options.out / "tuning.csv", self.outcomes())
         write_best(options.out / "best.toml", self.outcomes())
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.tuning_ranges import BASELINE, METHODS, PAPERS, SCREENED, SEEDS, Tuned
+from jouleswarm.report.table import Cell
 from jouleswarm.studies.estimates import estimate
 
 
@@ -63,8 +64,47 @@ def write_trials(path: Path, rows: Sequence[Row]) -> None:
     os.replace(half, path)
 
 
+_MEASURES = ("rounds", "rounds_first", "seen", "unseen")
+_SPREAD = (*_MEASURES, "saved", "saved_unseen")
+_ENDS = ("not_learned", "untuned", "units", "units_of", "cpu_h")
+COLUMNS = ("row", "method", "settings", *(cell for name in _SPREAD for cell in (name, f"{name}_ci95")), *_ENDS)
+"""`saved`: rounds of the arm without transfer less the method's, seed by seed; `untuned`: rounds of the first trial."""
+
+
+def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
+    """A line a method by `COLUMNS`: means over the six seeds and Student's 95% intervals."""
+    baseline = {row.seed: row for each in outcomes if each.tuned.name == BASELINE for row in each.best}
+    return [dict(zip(COLUMNS, _cells(each, baseline), strict=True)) for each in outcomes]
+
+
+def _cells(outcome: Outcome, baseline: Mapping[int, Row]) -> Iterator[Cell]:
+    best, tuned = outcome.best, outcome.tuned
+    yield from (tuned.name, tuned.method, best[0].settings if best else None)
+    for name in _MEASURES:
+        yield from _spread([getattr(row, name) for row in best])
+    pairs = [] if tuned.name == BASELINE else [(baseline[row.seed], row) for row in best if row.seed in baseline]
+    yield from _spread([without.rounds - row.rounds for without, row in pairs])
+    yield from _spread([without.unseen - row.unseen for without, row in pairs])
+    yield sum(row.not_learned for row in best) if best else None
+    yield estimate(row.rounds for row in outcome.default).mean if outcome.default else None
+    yield from (outcome.units, outcome.units_of, round(outcome.cpu_s / 3600, 2))
+
+
+def _spread(values: Sequence[float]) -> tuple[float | None, float | None]:
+    found = estimate(values) if values else None
+    return (None, None) if found is None else (round(found.mean, 3), found.ci95 and round(found.ci95, 3))
+
+
+def write_table(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """The table for programs."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table_of(outcomes))
+
+
 def write_outcome(path: Path, outcomes: Sequence[Outcome], trials: int, t0: int, max_rounds: int) -> None:
-    """The tables that docs are written from."""
+    """The table for readers, and what was tried."""
     first, best, others = (
         ", ".join(map(str, each)) for each in (SEEDS[:SCREENED], [-(-trials // 4)], SEEDS[SCREENED:])
     )
@@ -83,13 +123,30 @@ def write_outcome(path: Path, outcomes: Sequence[Outcome], trials: int, t0: int,
         " not learned | untuned | units | CPU hours |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
-    baseline = {row.seed: row.rounds for each in outcomes if each.tuned.name == BASELINE for row in each.best}
-    lines += [_line(each, baseline) for each in outcomes]
+    lines += [_line(row) for row in table_of(outcomes)]
     lines += ["", "| method | setting | tried |", "|---|---|---|"]
     for tuned in METHODS:
         lines += [f"| {tuned.name} | `{name}` | {values} |" for name, values in tuned.ranges.items()]
         lines += [f"| {tuned.name} | `{each}` | fixed |" for each in tuned.fixed]
     path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _line(row: Mapping[str, Cell]) -> str:
+    cells: list[Cell] = [
+        row["row"],
+        "not known yet" if row["settings"] is None else f"`{row['settings'] or 'as it stands'}`",
+    ]
+    saved = "-" if row["row"] == BASELINE else _told(row, "saved", -1)
+    cells += [_told(row, "rounds"), saved, *(_told(row, name) for name in _MEASURES[1:]), row["not_learned"]]
+    cells += ["" if row["untuned"] is None else f"{row['untuned']:.1f}", f"{row['units']} of {row['units_of']}"]
+    return f"| {' | '.join('' if cell is None else str(cell) for cell in [*cells, row['cpu_h']])} |"
+
+
+def _told(row: Mapping[str, Cell], name: str, sign: int = 1) -> str:
+    mean, half = row[name], row[f"{name}_ci95"]
+    if not isinstance(mean, float | int):
+        return ""
+    return f"{sign * mean:.1f}" + ("" if half is None else f" ± {half:.1f}")
 
 
 def write_best(path: Path, outcomes: Sequence[Outcome]) -> None:
@@ -111,27 +168,3 @@ def write_best(path: Path, outcomes: Sequence[Outcome]) -> None:
 
 def _rounds(outcome: Outcome) -> int:
     return sum(row.rounds for row in outcome.best)
-
-
-def _line(outcome: Outcome, baseline: dict[int, int]) -> str:
-    best = outcome.best
-    cells = [outcome.tuned.name, f"`{best[0].settings or 'as it stands'}`" if best else "not known yet"]
-    if best:
-        less = [float(row.rounds - baseline[row.seed]) for row in best if row.seed in baseline]
-        cells += [_told([row.rounds for row in best]), _told(less) if outcome.tuned.name != BASELINE else "-"]
-        cells += [
-            _told([row[index] for row in best]) for index in map(Row._fields.index, ("rounds_first", "seen", "unseen"))
-        ]
-        cells.append(str(sum(row.not_learned for row in best)))
-    else:
-        cells += [""] * 6
-    cells.append(f"{estimate(row.rounds for row in outcome.default).mean:.1f}" if outcome.default else "")
-    cells += [f"{outcome.units} of {outcome.units_of}", f"{outcome.cpu_s / 3600:.2f}"]
-    return f"| {' | '.join(cells)} |"
-
-
-def _told(values: Sequence[float]) -> str:
-    if not values:
-        return ""
-    found = estimate(values)
-    return f"{found.mean:.1f}" + (f" ± {found.ci95:.1f}" if found.ci95 is not None else "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import itertools
 from pathlib import Path
 from typing import Any
@@ -148,3 +149,8 @@ def test_the_best_settings_are_as_studies_take_them(tmp_path: Path) -> None:
     assert best.robots == robots
     assert best.methods == {"maml": paper[len(robots) :]}
     assert best.methods["maml"][0] == "meta.heads=shared"
+    with (tmp_path / "tuning.csv").open(newline="") as file:
+        fl, maml = csv.DictReader(file)
+    # Seeds 101 to 106 less 90: 11 to 16 rounds, one of them seen, in both arms.
+    assert (fl["rounds"], fl["unseen"], fl["saved"], fl["units"]) == ("13.5", "12.5", "", "8")
+    assert (maml["rounds"], maml["saved"], maml["saved_unseen"], maml["untuned"]) == ("13.5", "0.0", "0.0", "101.5")
