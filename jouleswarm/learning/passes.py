@@ -49,16 +49,6 @@ def pass_of(network: nn.Sequential) -> Pass:
     return forward
 
 
-def function_of(network: nn.Sequential) -> Callable[[Params, Tensor], Tensor]:
-    """Its values as a function of parameters by their names and of observations, to be differentiated."""
-    if not is_plain(network):
-        from torch.func import functional_call
-
-        return lambda params, x: functional_call(network, params, (x,))
-    stack = Stack(network)
-    return lambda params, x: stack.differentiable(stack.pairs(params), x)
-
-
 def is_plain(network: nn.Sequential) -> bool:
     """Whether it is convolutions, one flattening and dense layers, and does nothing else (a subclass, a hook)."""
     layers, kinds = list(network), [type(layer) for layer in network]
@@ -123,9 +113,9 @@ class Stack:
             x = _forward(layer, pair, x)
         return x
 
-    def differentiable(self, pairs: Sequence[Pair | None], x: Tensor) -> Tensor:
+    def differentiable(self, params: Params, x: Tensor) -> Tensor:
         """The same, for autograd."""
-        for layer, pair in zip(self._layers, pairs, strict=True):
+        for layer, pair in zip(self._layers, self.pairs(params), strict=True):
             if isinstance(layer, nn.Flatten) and x.dim() == 4 and x.requires_grad:
                 x.register_hook(_channels_last)  # type: ignore[no-untyped-call]
             x = x.relu() if isinstance(layer, nn.ReLU) else _forward(layer, pair, x)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 import torch
 from torch import Tensor
+from torch.func import functional_call
 
 from jouleswarm.learning.dqn import td_loss, td_slope, td_target
-from jouleswarm.learning.passes import Params, Stack, function_of, is_plain
+from jouleswarm.learning.passes import Params, Stack, is_plain
 from jouleswarm.learning.qnetwork import QNetwork
 from jouleswarm.learning.replay import Batch
 
@@ -61,8 +62,9 @@ def make_loss(model: torch.nn.Sequential, target: Params, discount: float, *, do
 
     On the CPU it knows its gradient by hand (`ByHand`) where the network is a plain stack.
     """
-    on_cpu = all(value.is_cpu for value in target.values())
-    return (PlainLoss if on_cpu and is_plain(model) else TaskLoss)(model, target, discount, double=double)
+    if is_plain(model) and all(value.is_cpu for value in target.values()):
+        return PlainLoss(Stack(model), target, discount, double=double)
+    return TaskLoss(lambda params, x: functional_call(model, params, (x,)), target, discount, double=double)
 
 
 def sum_of(loss: Loss[TensorBatch]) -> Loss[Sequence[TensorBatch]]:
@@ -101,8 +103,11 @@ def added(parts: Sequence[Params]) -> Params:
 class TaskLoss:
     """See `make_loss`."""
 
-    def __init__(self, model: torch.nn.Sequential, target: Params, discount: float, *, double: bool) -> None:
-        self._function, self._target = function_of(model), target
+    def __init__(
+        self, function: Callable[[Params, Tensor], Tensor], target: Params, discount: float, *, double: bool
+    ) -> None:
+        """`function`: of parameters and observations, the network's values."""
+        self._function, self._target = function, target
         self._discount, self._double = discount, double
 
     def __call__(self, params: Params, batch: TensorBatch) -> Tensor:
@@ -119,9 +124,9 @@ class TaskLoss:
 class PlainLoss(TaskLoss):
     """Of a plain stack."""
 
-    def __init__(self, model: torch.nn.Sequential, target: Params, discount: float, *, double: bool) -> None:
-        super().__init__(model, target, discount, double=double)
-        self._stack = Stack(model)
+    def __init__(self, stack: Stack, target: Params, discount: float, *, double: bool) -> None:
+        super().__init__(stack.differentiable, target, discount, double=double)
+        self._stack = stack
 
     @torch.no_grad()
     def gradient(self, params: Params, batch: TensorBatch, share: float, of: Collection[str]) -> Params:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import itertools
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.studies.tuned import read_tuned
 
 TOY = "scenarios/toy.toml"
+COMMITTED = Path(__file__).parents[2] / "results" / "tuning"
 
 
 def test_trials_are_the_same_every_time_and_the_first_is_the_scenario_as_it_stands() -> None:
@@ -89,8 +91,17 @@ class Counted(Tuner):
         return {name: float(value) if name == "cpu_s" else value for name, value in told.items()}
 
 
-@pytest.fixture(autouse=True)
-def _fits_the_toy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_committed_tables_are_what_the_committed_trials_come_to(tmp_path: Path) -> None:
+    shutil.copy(COMMITTED / "trials.csv", tmp_path)
+    every = [each.name for each in METHODS]
+    usual = {"scenario": "scenarios/quick.toml", "trials": 6, "only": every, "t0": 90, "max_rounds": 100}
+    Tuner(options(tmp_path, **usual)).write()
+    for name in ("trials.csv", "tuning.csv", "tuning.md", "best.toml"):
+        assert (tmp_path / name).read_text() == (COMMITTED / name).read_text(), name
+
+
+@pytest.fixture
+def fits_the_toy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranges without inner steps: the toy has four batches a round, and one training task."""
     names = {"meta.inner_lr", "meta.meta_lr", "learning.lr"}
     smaller = [
@@ -100,6 +111,7 @@ def _fits_the_toy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "METHODS", tuple(smaller))
 
 
+@pytest.mark.usefixtures("fits_the_toy")
 def test_it_goes_on_where_it_was_stopped_and_runs_no_unit_twice(tmp_path: Path) -> None:
     first = Counted(options(tmp_path), ends=5)
     with pytest.raises(Stopped):
@@ -113,6 +125,7 @@ def test_it_goes_on_where_it_was_stopped_and_runs_no_unit_twice(tmp_path: Path) 
     assert "| maml-shared |" in (tmp_path / "tuning.md").read_text()
 
 
+@pytest.mark.usefixtures("fits_the_toy")
 def test_the_best_robots_without_transfer_are_every_methods(tmp_path: Path) -> None:
     tuner = Counted(options(tmp_path))
     tuner.run()
@@ -129,6 +142,7 @@ def test_the_best_robots_without_transfer_are_every_methods(tmp_path: Path) -> N
     assert [row.rounds for row in maml.default] == [101, 102]
 
 
+@pytest.mark.usefixtures("fits_the_toy")
 def test_another_scenarios_rows_are_kept_and_not_taken_for_these(tmp_path: Path) -> None:
     Counted(options(tmp_path)).run()
     other = Counted(options(tmp_path, t0=4, max_rounds=8))
@@ -137,6 +151,7 @@ def test_another_scenarios_rows_are_kept_and_not_taken_for_these(tmp_path: Path)
     assert len(read_rows(tmp_path / "trials.csv")) == 32
 
 
+@pytest.mark.usefixtures("fits_the_toy")
 def test_the_best_settings_are_as_studies_take_them(tmp_path: Path) -> None:
     tuner = Counted(options(tmp_path))
     tuner.run()
