@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from jouleswarm.cli.options import EnergyOption, Figures, ScenarioFile, Scheduler
+from jouleswarm.common.errors import ConfigurationError
 from jouleswarm.common.figure_kinds import DEFAULT, figure_kinds
 from jouleswarm.common.options import SetOption
 from jouleswarm.studies.names import STUDIES, StudyName
@@ -42,6 +43,9 @@ ScenarioChoice = Annotated[
 ]
 Seeds = Annotated[int | None, typer.Option(help="How many seeds. Default: the study's own.")]
 FirstSeed = Annotated[int, typer.Option(help="The first of the seeds.")]
+MoreSeeds = Annotated[
+    int, typer.Option(min=0, help="Of `study paper`: so many further seeds, with --t0 and without transfer alone.")
+]
 T0 = Annotated[int | None, typer.Option("--t0", help="Rounds of meta-training. Default: the study's own.")]
 Methods = Annotated[
     str | None, typer.Option(help="Methods, with commas between; fl is always among them. Default: the study's own.")
@@ -143,6 +147,7 @@ def _command(name: StudyName) -> Callable[..., None]:
         set_: SetOption = None,
         seeds: Seeds = None,
         first_seed: FirstSeed = 1,
+        more_seeds: MoreSeeds = 0,
         t0: T0 = None,
         methods: Methods = None,
         tuned: TunedOption = None,
@@ -160,13 +165,17 @@ def _command(name: StudyName) -> Callable[..., None]:
 
         kind = kind_of(name)
         label = profile.value if scenario is None else scenario.stem
+        own = range_of_seeds(kind.seeds if seeds is None else seeds, first_seed)
+        if more_seeds and name != "paper":
+            raise ConfigurationError(f"study {name}: got --more-seeds, which is of `study paper` alone; leave it out")
         request = Request(
             scenario_file=scenario or profile.scenario,
             overrides=tuple(set_ or ()),
-            seeds=range_of_seeds(kind.seeds if seeds is None else seeds, first_seed),
+            seeds=own,
             t0=kind.t0 if t0 is None else t0,
             methods=tuple(each.strip() for each in (methods or "").split(",") if each.strip()),
             tuned=read_tuned(tuned),
+            more_seeds=range_of_seeds(more_seeds, own[-1] + 1) if more_seeds else (),
         )
         where = Where(
             work=work or Path("runs") / f"study-{name}-{label}",

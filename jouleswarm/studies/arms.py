@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Literal, NamedTuple
 
 from jouleswarm.common.doors import SHIPPED
-from jouleswarm.common.scenario.arms import method_of
+from jouleswarm.common.scenario.arms import arm_name, method_of
 from jouleswarm.methods.consensus import BASELINE
 from jouleswarm.studies.estimates import Estimate, estimate
 from jouleswarm.studies.facts import META_STAGE, Fact
@@ -44,6 +44,18 @@ def names_of(arms: Iterable[ArmOf]) -> dict[ArmOf, str]:
         return {arm: f"t0 = {arm.t0}" if arm.t0 else "without" for arm in held}
     several = len({method_of(arm.arm) for arm in held}) < len({arm.arm for arm in held})
     return {arm: f"{method_of(arm.arm)}, t0 = {arm.t0}" if several and arm.t0 else arm.arm for arm in held}
+
+
+def told_apart(facts: Sequence[Fact]) -> list[Fact]:
+    """Facts with arms that each have one t0: one that has several, as some seeds went further, is named by them."""
+    found: dict[tuple[str, str], set[int]] = {}
+    for fact in facts:
+        found.setdefault((fact.variant, fact.arm), set()).add(fact.t0)
+    several = {key for key, held in found.items() if len(held) > 1}
+    return [
+        fact.model_copy(update={"arm": arm_name(fact.method, fact.t0)}) if (fact.variant, fact.arm) in several else fact
+        for fact in facts
+    ]
 
 
 class Line(NamedTuple):

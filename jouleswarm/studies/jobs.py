@@ -81,6 +81,8 @@ class Request:
     methods: tuple[str, ...] = ()
     """Those asked for in place of the study's own."""
     tuned: Tuned = UNTUNED
+    more_seeds: tuple[int, ...] = ()
+    """Of `study paper`: at `t0` and without transfer alone."""
 
     @property
     def text(self) -> str:
@@ -123,11 +125,14 @@ class Request:
         """The methods asked for, or a study's `own`, each once, and learning without transfer."""
         return list(dict.fromkeys([*(self.methods or own), BASELINE]))
 
-    def jobs_by_method(self, settings: Sequence[str], variant: Variant) -> list[Job]:
-        """A job a seed and method of the scenario, so that each is short; what comes of them is put together again."""
+    def jobs_by_method(
+        self, settings: Sequence[str], variant: Variant, seeds: Sequence[int] | None = None
+    ) -> list[Job]:
+        """A job a seed (default: all that were asked for) and method of the scenario, so that each is short; what comes
+        of them is put together again."""
         methods = self.scenario(settings, variant.overrides).methods
         apart = [Variant(variant.label, (*variant.overrides, methods_setting([method]))) for method in methods]
-        return [job for seed in self.seeds for job in self.jobs(apart, settings, [seed])]
+        return [job for seed in (seeds or self.seeds) for job in self.jobs(apart, settings, [seed])]
 
     def jobs(
         self, variants: Iterable[Variant], settings: Sequence[str], seeds: Iterable[int] | None = None

@@ -12,6 +12,7 @@ from jouleswarm.common.errors import StudyError, usable
 from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
+from jouleswarm.studies.arms import told_apart
 from jouleswarm.studies.curves import curves_csv, curves_of
 from jouleswarm.studies.curves_figures import by_method, curves_figures
 from jouleswarm.studies.facts import Fact
@@ -60,7 +61,7 @@ class Kind:
     def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
         """Tables and figures of facts as they were read: the study's own, then what every study has: curves, what the
         bills hang on beside that without transfer and, where constants are ranges, what that comes to."""
-        held, energy = with_motions(facts, record.scenario), record.scenario.energy
+        held, energy = told_apart(with_motions(facts, record.scenario)), record.scenario.energy
         made = self.tables(held, record)
         curves = curves_of(held, record.scenario)
         made.csv["curves"] = curves_csv(curves)

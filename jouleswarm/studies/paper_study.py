@@ -33,7 +33,8 @@ _PAPERS, _OTHER = ("maml", "fomaml"), "multitask"
 
 
 def plan(request: Request) -> Plan:
-    """One deployment a seed and method: meta-training to the last t0, adapted from every t0 on the way; and without.
+    """One deployment a seed and method: meta-training to the last t0, adapted from every t0 on the way; and without. Of
+    further seeds meta-training ends at the t0 asked for.
 
     Without methods asked for: MAML exact, with beta measured, its first-order approximation, and the scenario's own.
 
@@ -48,7 +49,13 @@ def plan(request: Request) -> Plan:
         MEASURED,
     ]
     _check(request.scenario(settings), request.t0)
-    return Plan(request.jobs_by_method(settings, Variant("")), settings)
+    jobs = request.jobs_by_method(settings, Variant(""))
+    if request.more_seeds:
+        if not request.t0:
+            raise ConfigurationError("study paper: got --more-seeds without --t0; name the t0 that they are for")
+        only = Variant("", (f"meta.t0={request.t0}", "meta.adapt_from=[]"))
+        jobs += request.jobs_by_method(settings, only, request.more_seeds)
+    return Plan(jobs, settings)
 
 
 def _check(scenario: Scenario, t0: int) -> None:

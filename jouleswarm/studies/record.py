@@ -35,6 +35,8 @@ class Record(BaseModel):
     training: dict[str, tuple[int, ...]] = Field(default_factory=dict)
     """Variant -> tasks of its meta-training, where these are other ones than the scenario's."""
 
+    more_seeds: tuple[int, ...] = ()
+    """Beside `seeds`, of `t0` and without transfer alone."""
     tuned: Tuned = UNTUNED
     """Settings of single methods, which `scenario` need not have."""
 

@@ -60,6 +60,7 @@ def run_study(kind: Kind, request: Request, profile: str, where: Where, console:
         groups=plan.groups,
         values=plan.values,
         training=plan.training,
+        more_seeds=request.more_seeds,
         tuned=request.tuned,
     )
     write_record(where.results, record)

@@ -87,3 +87,9 @@ def test_the_second_case_is_priced_from_committed_facts(jouleswarm: Call, tmp_pa
         code, _, err = jouleswarm("study", "savazzi2021", baselines, "--set", wrong, "--results", str(tmp_path / "not"))
         assert (code, err.count("\n"), told in err) == (2, 1, True)
     assert not (tmp_path / "not").exists()
+
+
+def test_further_seeds_are_of_the_paper_study_alone(jouleswarm: Call) -> None:
+    code, _, told = jouleswarm("study", "regimes", "--more-seeds", "2")
+    assert code == 2
+    assert "got --more-seeds, which is of `study paper` alone" in told

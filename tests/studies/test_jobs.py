@@ -55,6 +55,16 @@ def test_what_the_user_sets_comes_after_what_the_study_sets() -> None:
     assert [job.load().arm_names for job in kind_of("paper").plan(asked).jobs] == [("maml-t2", "maml"), ("fl",)]
 
 
+def test_further_seeds_of_the_paper_study_are_at_one_t0_and_without_transfer() -> None:
+    settings = ("meta.t0=4", "meta.adapt_from=[2]")
+    asked = Request(TOY, settings, (1,), 2, ("maml",), more_seeds=(2, 3))
+    found = [(job.seed, [arm[:3:2] for arm in job.load().arms]) for job in kind_of("paper").plan(asked).jobs]
+    first = [(1, [("maml-t2", 2), ("maml", 4)]), (1, [("fl", 0)])]
+    assert found == [*first, *((seed, [arm]) for seed in (2, 3) for arm in (("maml", 2), ("fl", 0)))]
+    with pytest.raises(ConfigurationError, match="--more-seeds without --t0"):
+        kind_of("paper").plan(Request(TOY, settings, (1,), 0, ("maml",), more_seeds=(2,)))
+
+
 def test_the_scenarios_own_meta_method_is_the_one_that_is_studied(tmp_path: Path) -> None:
     file = tmp_path / "r.toml"
     file.write_text(QUICK.read_text().replace('["multitask", "fl"]', '["fl", "reptile"]'))
