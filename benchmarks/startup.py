@@ -24,8 +24,6 @@ from pathlib import Path
 import psutil
 
 from benchmarks.harness import compare, embedded, parser
-from jouleswarm.common.scenario.reading import load_scenario
-from jouleswarm.learning.networks import interface_of
 
 ROOT = Path(__file__).resolve().parents[1]
 BEFORE = "5b80376"  # the last commit before this was looked at
@@ -41,11 +39,11 @@ def main() -> None:
     options = known.parse_args()
     found: dict[str, dict[str, list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder, _checkout(options.against) as other:
-        manifest = _manifest(Path(folder), options.robots)
         sides = {"here": ROOT, options.against: other}
+        manifests = {side: _manifest(Path(folder, f"{side}.json"), sides[side], options.robots) for side in sides}
         for number in range(options.pairs):
             for side in list(sides)[:: 1 if number % 2 else -1]:
-                taken = _start(sides[side], manifest, options.robots) | {"--help": _help_s(sides[side])}
+                taken = _start(sides[side], manifests[side], options.robots) | {"--help": _help_s(sides[side])}
                 for what, value in taken.items():
                     found.setdefault(what, {name: [] for name in sides})[side].append(value)
     for what, of_sides in found.items():
@@ -61,13 +59,23 @@ def _checkout(commit: str) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _manifest(folder: Path, robots: int) -> Path:
-    scenario = load_scenario("toy", ["methods=['fl']", f"federation.robots_per_cluster={robots // 2}"])
-    held = {
-        "scenario": scenario.model_dump(mode="json"),
-        "interface": interface_of(scenario).model_dump(mode="json"),
-    }
-    (path := folder / "manifest.json").write_text(json.dumps(held), encoding="utf-8")
+_MANIFEST = """
+import json, sys
+from jouleswarm.common.scenario.reading import load_scenario
+from jouleswarm.learning.networks import interface_of
+scenario = load_scenario("toy", sys.argv[1:])
+print(json.dumps({name: each.model_dump(mode="json") for name, each in
+    (("scenario", scenario), ("interface", interface_of(scenario)))}))
+"""
+
+
+def _manifest(path: Path, checkout: Path, robots: int) -> Path:
+    """By the code that is to read it: each commit has fields of its own."""
+    settings = ["methods=['fl']", f"federation.robots_per_cluster={robots // 2}"]
+    command = [sys.executable, "-c", _MANIFEST, *settings]
+    environment = {**os.environ, "PYTHONPATH": str(checkout)}
+    with path.open("w", encoding="utf-8") as file:
+        subprocess.run(command, cwd=checkout, env=environment, stdout=file, check=True)
     return path
 
 
