@@ -30,7 +30,7 @@ run: setup
 # What is set up for Flower and what the type checker does are as long, and neither keeps two cores busy.
 test: $(VENV)/tested
 	@$(MAKE) --no-print-directory --jobs 2 checks flower
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 checks: $(VENV)/tested
 	$(BIN)/ruff check .
