@@ -20,7 +20,7 @@ Params = dict[str, Tensor]
 Gradient = Callable[[Tensor, Params], None]
 """Takes the slope of a loss in the values; writes the gradient by parameters' names, over what is there or anew."""
 Pair = tuple[Tensor, Tensor]
-"""A layer's weight and bias, or the gradient of each."""
+"""A layer's weight and bias."""
 
 _WITH_WEIGHTS = (nn.Conv2d, nn.Linear)
 
@@ -101,7 +101,7 @@ class Stack:
         self._lowest = self._lowest_of([name for names in self._names for name in names])
 
     def pairs(self, params: Params) -> list[Pair | None]:
-        """Parameters, or anything else by their names, layer by layer."""
+        """Parameters layer by layer."""
         return [
             (params[weight], params[bias]) if isinstance(layer, _WITH_WEIGHTS) else None
             for layer, (weight, bias) in zip(self._layers, self._names, strict=True)
