@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jouleswarm.common.bus.paho_client import name_of
-from jouleswarm.common.meter.counters import Cell, Counts
+from jouleswarm.common.meter.cells import Cell, Counts
 from jouleswarm.common.meter.tally import Direction, Kind, Row, Tally, rows_of, rule_of
 from jouleswarm.common.wire.rules import OTHER, Rule, read_rules
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 from amqtt.session import Session
@@ -14,6 +12,7 @@ from jouleswarm.broker.connection import Connection
 from jouleswarm.broker.errors import MalformedPacket
 from jouleswarm.broker.limits import Limits
 from jouleswarm.broker.meter import BrokerMeter
+from jouleswarm.broker.outcome import Delivery, DeliveryOutcome
 from jouleswarm.broker.publication import Publication
 
 # Packet identifiers have 16 bits; the last few stay free.
@@ -27,18 +26,6 @@ class Message(NamedTuple):
     publication: Publication
     qos: int
     retain: bool = False
-
-
-@dataclass(slots=True)
-class Delivery:
-    """A QoS 1 or 2 message under its packet identifier, until PUBACK or PUBCOMP."""
-
-    publication: Publication | None  # None once it is never sent again: written to a clean session, or received
-    qos: int
-    retain: bool
-    begun: bool = False
-    received: bool = False  # PUBREC has come, and PUBREL is out
-    written: tuple[str, int, int] | None = None  # topic, payload and packet bytes, once written whole
 
 
 class Deliveries:
@@ -173,26 +160,5 @@ class Deliveries:
         retain: bool = False,
     ) -> None:
         header = publication.header(qos, packet_id, dup=dup, retain=retain)
-        size = len(header) + len(publication.payload)
-        done = partial(self._done, publication, delivery, size, dup)
-        self._connection.send(header, publication.payload, done, retained=retain)
-
-    def _done(
-        self, publication: Publication, delivery: Delivery | None, packet_bytes: int, dup: bool, written: int
-    ) -> None:
-        """A packet was written, or what of it could be before the connection ended."""
-        if delivery is not None:
-            delivery.begun = delivery.begun or written > 0
-            if self._session.clean_session:
-                delivery.publication = None
-        if written == packet_bytes:
-            client_id, topic, payload_bytes = self._session.client_id, publication.topic, len(publication.payload)
-            self._meter.count(client_id, topic, "out", payload_bytes, packet_bytes)
-            if dup:
-                self._meter.repeated(client_id, topic, "out", payload_bytes, packet_bytes)
-            if delivery is not None:
-                delivery.written = topic, payload_bytes, packet_bytes
-        else:
-            self._meter.event("aborted_deliveries")
-            self._meter.event("aborted_bytes", written)
-        publication.drop()
+        outcome = DeliveryOutcome(self._meter, self._session, publication, delivery, len(header), dup)
+        self._connection.send(header, publication.payload, outcome, retained=retain)

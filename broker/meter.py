@@ -14,7 +14,8 @@ from jouleswarm.broker.by_rule import RuleMeter
 from jouleswarm.broker.refusals import Refusals
 from jouleswarm.common.bus.paho_client import name_of
 from jouleswarm.common.errors import RunError
-from jouleswarm.common.meter.counters import Cell, Counters
+from jouleswarm.common.meter.cells import Cell
+from jouleswarm.common.meter.counters import Counters
 from jouleswarm.common.meter.meter import Direction, MeterRow, rows_of
 from jouleswarm.common.meter.tally import Direction as Way
 from jouleswarm.common.wire.links import link_of
@@ -55,6 +56,8 @@ class BrokerMeter:
         """`folder`: where the rows of a broker that was killed are gone on from; `by_rule`: counts whatever passes."""
         self.enabled = enabled
         self.by_rule = by_rule
+        self.outlives = folder is not None
+        """Whether what was counted is there after a kill -9."""
         self.changes = 0
         self.refusals = Refusals()
         self.on_failure: Callable[[RunError], None] = lambda error: None
@@ -76,13 +79,22 @@ class BrokerMeter:
     def count(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
         """Book a PUBLISH that was received, written whole to a subscriber, or acknowledged by one."""
         if self.enabled:
-            found = self._counters.get((client_id, topic, direction))
-            if found is None:
-                found = self._new_counters(client_id, topic, direction)
-            counters, changes = found
+            counters, changes = self._found(client_id, topic, direction)
             for cell in counters:
                 cell.add(payload_bytes, packet_bytes)
             self.changes += changes
+
+    def announce(self, client_id: str, topic: str, payload_bytes: int, packet_bytes: int) -> None:
+        """A PUBLISH goes into the kernel now, and can be at its subscriber before this process can count it."""
+        if self.enabled:
+            for cell in self._found(client_id, topic, "out")[0]:
+                cell.announce(payload_bytes, packet_bytes)
+
+    def withdraw(self, client_id: str, topic: str) -> None:
+        """The kernel did not take all that was announced."""
+        if self.enabled:
+            for cell in self._found(client_id, topic, "out")[0]:
+                cell.withdraw()
 
     def repeated(self, client_id: str, topic: str, direction: Direction, payload_bytes: int, packet_bytes: int) -> None:
         """A PUBLISH that was counted had DUP."""
@@ -149,6 +161,9 @@ class BrokerMeter:
         """Refusals and the like since the start."""
         with self._lock:
             return dict(self._events)
+
+    def _found(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], int]:
+        return self._counters.get((client_id, topic, direction)) or self._new_counters(client_id, topic, direction)
 
     def _new_counters(self, client_id: str, topic: str, direction: Direction) -> tuple[tuple[Cell, ...], int]:
         if self.by_rule is None and link_of(topic) is None:

@@ -10,27 +10,43 @@ import termios
 from collections import deque
 from collections.abc import Callable
 from itertools import islice
+from typing import Protocol
 
 from jouleswarm.broker.limits import REPLIES, Turns
 
 GATHERED = 256  # packets in one system call
 AT_ONCE_BYTES = 64 * 1024  # a packet as large does not wait for others to go with it
 
-Done = Callable[[int], None]
+
+class Outcome(Protocol):
+    """Told what becomes of a packet."""
+
+    def going(self) -> None:
+        """All that is left of it goes into the kernel now: its receiver may have it before anything else is told."""
+
+    def stayed(self) -> None:
+        """The kernel did not take all of it, and there will be another `going`, or its end."""
+
+    def ended(self, written: int) -> None:
+        """Once: so many of its bytes were written, all of them unless the connection ended first."""
 
 
 class _Outgoing:
     """A packet that is being written: header, then payload."""
 
-    __slots__ = ("done", "header", "is_reply", "payload", "sent", "size")
+    __slots__ = ("header", "is_reply", "outcome", "payload", "sent", "size")
 
-    def __init__(self, header: bytes, payload: memoryview | None, done: Done | None, is_reply: bool) -> None:
+    def __init__(self, header: bytes, payload: memoryview | None, outcome: Outcome | None, is_reply: bool) -> None:
         self.header = header
         self.payload = payload
-        self.done = done
+        self.outcome = outcome
         self.is_reply = is_reply
         self.size = len(header) + (len(payload) if payload is not None else 0)
         self.sent = 0
+
+    def ends_within(self, room: int) -> bool:
+        """Whether `views(room)` are all that is left."""
+        return self.size - max(self.sent, len(self.header)) <= room
 
     def views(self, room: int) -> list[bytes | memoryview]:
         """What is left to write, `room` bytes of the payload at most."""
@@ -59,23 +75,25 @@ class PacketWriter:
         self.replies = 0
         self.queued_bytes = 0
         self.on_control: Callable[[int], None] | None = None
-        """Told of the bytes of each packet without a `done` of its own that was written whole."""
+        """Told of the bytes of each packet without an `outcome` of its own that was written whole."""
         self._caught_up: asyncio.Future[None] | None = None
 
     def send(
-        self, header: bytes, payload: memoryview | None = None, done: Done | None = None, *, retained: bool = False
+        self,
+        header: bytes,
+        payload: memoryview | None = None,
+        outcome: Outcome | None = None,
+        *,
+        retained: bool = False,
     ) -> None:
-        """Queue a packet. `done` is called once, with the bytes of it that were written.
-
-        That is the packet's size when it was completely written and less when the connection ended first.
-        """
+        """Queue a packet; `outcome` is told what becomes of it."""
         if self._ended:
-            if done is not None:
-                done(0)
+            if outcome is not None:
+                outcome.ended(0)
             return
         if not self._queue:
             self._last_taken_s = self._loop.time()
-        item = _Outgoing(header, payload, done, retained or payload is None)
+        item = _Outgoing(header, payload, outcome, retained or payload is None)
         self._queue.append(item)
         self.replies += item.is_reply
         self.queued_bytes += item.size
@@ -122,8 +140,8 @@ class PacketWriter:
         self.replies = self.queued_bytes = 0
         self._wake()
         for item in queue:
-            if item.done is not None:
-                item.done(item.sent)
+            if item.outcome is not None:
+                item.outcome.ended(item.sent)
 
     def _flush_due(self) -> None:
         if self._due and not self._ended:
@@ -133,22 +151,24 @@ class PacketWriter:
 
     def _flush(self) -> None:
         views: list[bytes | memoryview] = []
+        going: list[_Outgoing] = []
         room = self._turns.slice_bytes
         for item in islice(self._queue, GATHERED):
             views += item.views(room)
+            if item.outcome is not None and item.ends_within(room):
+                item.outcome.going()
+                going.append(item)
             room -= item.size - item.sent
             if room <= 0:
                 break
-        try:
-            count = self._sock.sendmsg(views)
-        except (BlockingIOError, InterruptedError):
-            count = 0
-        except OSError as error:
-            self._fail(f"writing failed: {error.strerror}")
-            return
-        self._written += count
+        count, error = self._write(views)
         self._complete(count)
-        if self._queue and not self._writing:
+        for item in going:
+            if item.outcome is not None and item.sent < item.size:
+                item.outcome.stayed()
+        if error is not None:
+            self._fail(f"writing failed: {error.strerror}")
+        elif self._queue and not self._writing:
             self._writing = True
             self._turns.writers += 1
             self._loop.add_writer(self._fd, self._flush)
@@ -156,6 +176,17 @@ class PacketWriter:
             self._stop_writing()
             if self._closing:
                 self._fail("closed by the broker")
+
+    def _write(self, views: list[bytes | memoryview]) -> tuple[int, OSError | None]:
+        """The bytes that the kernel took, and what failed."""
+        try:
+            count = self._sock.sendmsg(views)
+        except (BlockingIOError, InterruptedError):
+            return 0, None
+        except OSError as error:
+            return 0, error
+        self._written += count
+        return count, None
 
     def _complete(self, count: int) -> None:
         while count:
@@ -165,14 +196,15 @@ class PacketWriter:
                 item.sent += count
                 return
             count -= left
+            item.sent = item.size
             self._queue.popleft()
             self.queued_bytes -= item.size
             if item.is_reply:
                 self.replies -= 1
                 if self.replies <= REPLIES:
                     self._wake()
-            if item.done is not None:
-                item.done(item.size)
+            if item.outcome is not None:
+                item.outcome.ended(item.size)
             elif self.on_control is not None:
                 self.on_control(item.size)
 

@@ -2,99 +2,24 @@
 
 What was counted before a kill -9 is in the file, because the pages are the kernel's. Only a power failure can lose
 the newest counts.
-
-A cell has two places in the file, written in turn: the one that is being written is marked so, and the other holds
-the counts before it. Each place has a checksum of its counts and its key, so that what is not as it was written is
-refused, a file of zeros too.
 """
 
 from __future__ import annotations
 
 import json
 import mmap
-import struct
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 from jouleswarm.common.disk.lines import whole_lines
 from jouleswarm.common.disk.trouble import allocate, disk_error
 from jouleswarm.common.errors import RunError
+from jouleswarm.common.meter.cells import CELL, PLACE, Cell, Counts, KeptCell, Key, counts_at, salt_of
 
-Key = tuple[str, str, str]
-Counts = tuple[int, int, int]
-"""Messages, payload bytes, packet bytes."""
-
-_COUNTS = struct.Struct("<qqq")
-_PLACE = 4  # numbers: three counts, and their checksum; 0 while they are written
-_CELL = 2 * _PLACE
-_CELL_BYTES = 8 * _CELL
 _CELLS_A_FILE = 4096
+_CELL_BYTES = 8 * CELL
 _FILE_BYTES = _CELLS_A_FILE * _CELL_BYTES
-_KEPT = 1 << 32  # so that no checksum is 0
 _READS = 20
-
-
-class Cell:
-    """What one key has counted."""
-
-    __slots__ = ("messages", "packet_bytes", "payload_bytes")
-
-    def __init__(self, counts: Counts = (0, 0, 0)) -> None:
-        self.messages, self.payload_bytes, self.packet_bytes = counts
-
-    def add(self, payload_bytes: int, packet_bytes: int, messages: int = 1) -> None:
-        """Count a message."""
-        self.messages += messages
-        self.payload_bytes += payload_bytes
-        self.packet_bytes += packet_bytes
-
-    def forget(self) -> None:
-        """Count anew from nothing."""
-        self.messages = self.payload_bytes = self.packet_bytes = 0
-
-    @property
-    def counts(self) -> Counts:
-        """All three."""
-        return self.messages, self.payload_bytes, self.packet_bytes
-
-
-class _KeptCell(Cell):
-    """One in a file."""
-
-    __slots__ = ("_at", "_numbers", "_salt")
-
-    def __init__(self, numbers: memoryview, key: Key, counts: Counts | None) -> None:
-        """`counts`: as found in `numbers`; None: make a new one of them."""
-        super().__init__(counts or (0, 0, 0))
-        self._numbers, self._salt, self._at = numbers, _salt(key), 0
-        if counts is None:
-            for place in range(_CELL):
-                numbers[place] = 0
-            numbers[_PLACE - 1] = _checksum(self.counts, self._salt)
-        elif _counts_at(numbers, _PLACE, self._salt) == counts:
-            self._at = _PLACE
-
-    def add(self, payload_bytes: int, packet_bytes: int, messages: int = 1) -> None:
-        self.messages += messages
-        self.payload_bytes += payload_bytes
-        self.packet_bytes += packet_bytes
-        counts = self.messages, self.payload_bytes, self.packet_bytes
-        numbers, at = self._numbers, self._at ^ _PLACE
-        numbers[at + 3] = 0
-        numbers[at], numbers[at + 1], numbers[at + 2] = counts
-        numbers[at + 3] = _checksum(counts, self._salt)
-        self._at = at
-
-    def forget(self) -> None:
-        super().forget()
-        # In this order: whoever is killed in between has what was counted, or nothing, and never half of it.
-        numbers, at = self._numbers, self._at ^ _PLACE
-        numbers[at + 3] = 0
-        numbers[at], numbers[at + 1], numbers[at + 2] = self.counts
-        numbers[at + 3] = _checksum(self.counts, self._salt)
-        numbers[self._at + 3] = 0
-        self._at = at
 
 
 class Counters:
@@ -167,7 +92,7 @@ class Counters:
         self._used += 1
         if place == len(self._maps):
             self._maps.append(_mapped(self._folder / f"counters-{place}.bin"))
-        return _KeptCell(memoryview(self._maps[place]).cast("q")[at * _CELL : (at + 1) * _CELL], key, counts)
+        return KeptCell(memoryview(self._maps[place]).cast("q")[at * CELL : (at + 1) * CELL], key, counts)
 
 
 KEYS = "counters.keys"
@@ -195,12 +120,12 @@ def _read(folder: Path) -> list[tuple[Key, Counts]]:
     # One that was being made is shorter, and has no keys.
     written = [path.read_bytes()[:_FILE_BYTES].ljust(_FILE_BYTES, b"\0") for path in files]
     numbers = memoryview(b"".join(written)).cast("q")
-    if len(keys) * _CELL > len(numbers):
+    if len(keys) * CELL > len(numbers):
         raise RunError(f"{folder / f'counters-{len(files)}.bin'}: gone; {_ANEW}")
-    for start in range(len(keys) * _CELL, len(numbers), _PLACE):
+    for start in range(len(keys) * CELL, len(numbers), PLACE):
         if numbers[start]:
             raise RunError(f"{folder / KEYS}: cut short, there are counters without a key; {_ANEW}")
-    cells = [numbers[start : start + _CELL] for start in range(0, len(keys) * _CELL, _CELL)]
+    cells = [numbers[start : start + CELL] for start in range(0, len(keys) * CELL, CELL)]
     return [
         (key, _counts(cell, key, files[index // _CELLS_A_FILE]))
         for index, (key, cell) in enumerate(zip(keys, cells, strict=True))
@@ -212,24 +137,11 @@ _ANEW = "counted bytes are lost, so begin the run anew"
 
 def _counts(numbers: memoryview, key: Key, file: Path) -> Counts:
     """Those of a cell: of its two places the newer one that was written to its end."""
-    found = [_counts_at(numbers, at, _salt(key)) for at in (0, _PLACE)]
+    found = [counts_at(numbers, at, salt_of(key)) for at in (0, PLACE)]
     whole = [counts for counts in found if counts is not None]
-    if not whole or any(counts is None and numbers[at + 3] for counts, at in zip(found, (0, _PLACE), strict=True)):
+    if not whole or any(counts is None and numbers[at + 3] for counts, at in zip(found, (0, PLACE), strict=True)):
         raise RunError(f"{file}: not as it was written (the counter of {' '.join(key)}); {_ANEW}")
     return max(whole)
-
-
-def _counts_at(numbers: memoryview, at: int, salt: int) -> Counts | None:
-    counts = numbers[at], numbers[at + 1], numbers[at + 2]
-    return counts if numbers[at + 3] == _checksum(counts, salt) else None
-
-
-def _checksum(counts: Counts, salt: int) -> int:
-    return zlib.crc32(_COUNTS.pack(*counts), salt) | _KEPT
-
-
-def _salt(key: Key) -> int:
-    return zlib.crc32(json.dumps(key).encode())
 
 
 def _mapped(path: Path) -> mmap.mmap:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.cells import Cell, Key
 from jouleswarm.common.meter.power import Nvml, Processor
 
 JOULES = "joules"

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from jouleswarm.common.meter.counters import Key
+from jouleswarm.common.meter.cells import Key
 from jouleswarm.common.meter.joule_meter import JOULES
 
 Activity = Literal["start", "learning", "communication", "idle"]

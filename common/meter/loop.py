@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.cells import Cell, Key
 from jouleswarm.common.meter.counts_file import CountsFile, Rows, check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor

@@ -11,7 +11,8 @@ from typing import Literal, Self, cast
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from jouleswarm.common.meter.counters import Cell, Counters, Key, read_counters
+from jouleswarm.common.meter.cells import Cell, Key
+from jouleswarm.common.meter.counters import Counters, read_counters
 from jouleswarm.common.meter.joule_meter import JOULES, Clock, JouleMeter
 from jouleswarm.common.meter.joules import JoulesRow, joules_rows
 from jouleswarm.common.meter.power import gpu, processor, told

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast
 
-from jouleswarm.common.meter.counters import Cell, Counters, Counts, Key
+from jouleswarm.common.meter.cells import Cell, Counts, Key
+from jouleswarm.common.meter.counters import Counters
 from jouleswarm.common.wire.rules import OTHER, Rule, find
 
 Direction = Literal["in", "out"]

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.cells import Cell, Key
 
 WORK, EVALUATION = "work", "evaluation"
 """In place of a direction: cells of batch gradients and motions, and of greedy episodes' motions, not of bytes."""

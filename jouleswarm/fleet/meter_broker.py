@@ -13,7 +13,8 @@ from pathlib import Path
 
 from jouleswarm.common.disk.files import write_whole
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.meter.counters import Counts, Key, read_counters
+from jouleswarm.common.meter.cells import Counts, Key
+from jouleswarm.common.meter.counters import read_counters
 from jouleswarm.common.meter.tally import RULED
 from jouleswarm.fleet.launcher import Launcher
 

@@ -10,7 +10,7 @@ from typing import Any
 from flwr.app import ConfigRecord, Context, Message
 
 from jouleswarm.common.errors import ConfigurationError, PayloadError
-from jouleswarm.common.meter.counters import Cell, Key
+from jouleswarm.common.meter.cells import Cell, Key
 from jouleswarm.common.meter.counts_file import check_word
 from jouleswarm.common.meter.joule_meter import JouleMeter
 from jouleswarm.common.meter.power import NVML, Rated, gpu, processor

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from jouleswarm.common.errors import JouleSwarmError, RunError
-from jouleswarm.common.meter.counters import Counts, Key
+from jouleswarm.common.meter.cells import Counts, Key
 from jouleswarm.common.meter.tally import rows_of
 from jouleswarm.metering.directory import Directory
 from jouleswarm.metering.windows import Windows

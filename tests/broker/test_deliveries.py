@@ -35,11 +35,11 @@ class Receiver:
         self.deliveries.resume()
 
     def send(
-        self, header: bytes, payload: memoryview | None = None, done: Any = None, *, retained: bool = False
+        self, header: bytes, payload: memoryview | None = None, outcome: Any = None, *, retained: bool = False
     ) -> None:
         self._wire.append(header + (payload or b""))
-        if done is not None:
-            done(len(self._wire[-1]))
+        if outcome is not None:
+            outcome.ended(len(self._wire[-1]))
 
     def answer(self, patience: int) -> None:
         """Take this many packets in their order, and answer each; those after are lost with the connection."""

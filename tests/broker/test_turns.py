@@ -19,6 +19,22 @@ def fail(reason: str) -> None:
     pytest.fail(reason)
 
 
+class Told:
+    """What the writer tells of a packet, in its order."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def going(self) -> None:
+        self.calls.append("going")
+
+    def stayed(self) -> None:
+        self.calls.append("stayed")
+
+    def ended(self, written: int) -> None:
+        self.calls.append(f"ended {written}")
+
+
 def packet_of(payload: bytes) -> bytes:
     return publish_head(b"t", len(payload), 1, 7) + payload
 
@@ -77,14 +93,14 @@ def test_small_packets_of_one_turn_go_out_in_one_call_and_before_a_connection_en
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)  # each call is a record of its own
         with ours, theirs:
             ours.setblocking(False)
-            written: list[int] = []
+            outcome = Told()
             writer = PacketWriter(ours, Turns(), fail)
             writer.send(PINGRESP)
-            writer.send(b"head", memoryview(b"payload"), written.append)
-            assert written == []
+            writer.send(b"head", memoryview(b"payload"), outcome)
+            assert outcome.calls == []
             await asyncio.sleep(0)
             assert theirs.recv(100) == PINGRESP + b"headpayload"
-            assert written == [11]
+            assert outcome.calls == ["going", "ended 11"]
             writer.send(PINGRESP)
             writer.end()
             assert theirs.recv(100) == PINGRESP

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from jouleswarm.common.errors import RunError
-from jouleswarm.common.meter.counters import Counters, Key, read_counters
+from jouleswarm.common.meter.cells import Key
+from jouleswarm.common.meter.counters import Counters, read_counters
 
 ROOT = Path(__file__).parents[2]
 A, B, C = (("agent-1", f"topic/{name}", "in") for name in "abc")
@@ -141,6 +142,64 @@ def test_a_kill_at_any_moment_of_counting_leaves_all_three_counts_or_none(writte
     for _ in range(2):
         add(again, A, 1, 1, 1)
     assert read_counters(tmp_path) == {A: (expected[0] + 2, expected[1] + 2, expected[2] + 2)}
+
+
+def test_what_is_announced_is_in_the_file_at_once_and_in_the_counter_when_it_happened(tmp_path: Path) -> None:
+    counters = Counters(tmp_path)
+    add(counters, A, 1, 10, 20)
+    cell = counters.cell(A)
+    cell.announce(5, 7)
+    cell.announce(5, 7)
+    assert read_counters(tmp_path) == {A: (3, 20, 34)}
+    assert cell.counts == (1, 10, 20)
+    cell.add(5, 7)
+    cell.add(5, 7)
+    assert cell.counts == (3, 20, 34)
+    assert read_counters(tmp_path) == {A: (3, 20, 34)}
+    cell.add(1, 1)
+    assert read_counters(tmp_path) == {A: (4, 21, 35)}
+
+
+def test_what_was_announced_and_did_not_happen_is_taken_back(tmp_path: Path) -> None:
+    counters = Counters(tmp_path)
+    cell = counters.cell(A)
+    for _ in range(3):
+        cell.announce(5, 7)
+    cell.add(5, 7)
+    cell.withdraw()
+    cell.withdraw()
+    assert cell.counts == (1, 5, 7)
+    assert read_counters(tmp_path) == {A: (1, 5, 7)}
+    cell.announce(5, 7)
+    assert read_counters(tmp_path) == {A: (2, 10, 14)}
+    assert dict(Counters(tmp_path).items()) == {A: (2, 10, 14)}  # so does who goes on from a kill here
+    cell.withdraw()
+    cell.add(1, 1)
+    assert read_counters(tmp_path) == {A: (2, 6, 8)}
+
+
+@pytest.mark.parametrize("written", range(25))
+def test_a_kill_at_any_moment_leaves_what_happened_and_no_more_than_was_announced(written: int, tmp_path: Path) -> None:
+    counters = Counters(tmp_path)
+    cell: Any = counters.cell(A)
+    cell._numbers = Mortal(cell._numbers, written)
+    happened = announced = 0
+    with contextlib.suppress(Killed):
+        for fails in (False, True, False):
+            cell.announce(5, 7)
+            cell.announce(5, 7)
+            announced += 2  # told when the call is over: only then has anybody else the message
+            happened += 1
+            cell.add(5, 7)
+            if fails:
+                cell.withdraw()
+                announced = happened
+            else:
+                happened += 1
+                cell.add(5, 7)
+    messages, payload, packet = read_counters(tmp_path).get(A, (0, 0, 0))
+    assert happened <= messages <= announced + 2
+    assert (payload, packet) == (5 * messages, 7 * messages)
 
 
 def counted(folder: Path) -> Path:
