@@ -15,6 +15,7 @@ from jouleswarm.runs.paper import TABLE_II
 from jouleswarm.studies.arms import PLAIN, groups_of, series_of
 from jouleswarm.studies.beta import MEASURED, with_beta_1
 from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.families import findings, findings_csv, findings_markdown
 from jouleswarm.studies.jobs import Request, Variant, methods_setting
 from jouleswarm.studies.kinds import Kind, Outputs, Plan
 from jouleswarm.studies.paper_energy import break_even_csv, energy_csv, energy_markdown, optimum_csv
@@ -95,6 +96,8 @@ def outputs(facts: Sequence[Fact], record: Record) -> Outputs:
         made.markdown["ratios"] = ratios_markdown(rows, groups_of(facts, training))
         made.markdown["verdict"] = [verdict_markdown(found, energy)]
         made.figures["ratios"] = partial(ratios_figure, rows, scenario)
+    if shown := findings(rows, record.t0):
+        made.csv["tests"], made.markdown["tests"] = findings_csv(shown), [findings_markdown(shown)]
     for place, (method, mine) in enumerate(series_of(facts).items()):
         made.figures.update(_figures(mine, record, f"-{method}" if place else ""))
     return made

@@ -93,7 +93,8 @@ def environment(results: Results) -> Environment:
     made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     made.globals |= {"row": results.row, "rows": results.rows, "study": results.study, "note": results.note}
     made.globals |= {"mean": mean, "sums": sums, "ratios": ratios}
-    made.filters |= {"fixed": fixed, "pm": pm, "times": times, "percent": percent, "kilo": kilo, "listed": listed}
+    made.filters |= {"fixed": fixed, "pm": pm, "times": times, "percent": percent, "kilo": kilo}
+    made.filters |= {"listed": listed, "p": short_p}
     return made
 
 
@@ -148,6 +149,11 @@ def fixed(value: object, digits: int = 0) -> str:
     """`1,189`, `95.3`; `never` where it is infinite."""
     number = _number(value)
     return "never" if math.isinf(number) else f"{number:,.{digits}f}"
+
+
+def short_p(value: object) -> str:
+    """`0.38`, `1.8e-07`: two digits, as a p value is told."""
+    return f"{_number(value):.2g}"
 
 
 def pm(value: object, half: object, digits: int = 0) -> str:

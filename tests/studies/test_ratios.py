@@ -14,10 +14,12 @@ from jouleswarm.studies.beta import BETA_1, with_beta_1
 from jouleswarm.studies.curves import curves_of
 from jouleswarm.studies.curves_figures import by_method
 from jouleswarm.studies.facts import Fact
+from jouleswarm.studies.families import Finding, findings, findings_csv, findings_markdown
 from jouleswarm.studies.prices import PRICE_LISTS, of_tasks, priced
 from jouleswarm.studies.ratio_figures import methods_figure, ratios_figure
 from jouleswarm.studies.ratio_tables import ratios_csv, ratios_markdown
-from jouleswarm.studies.ratios import FIRST, FULL, ratio_rows
+from jouleswarm.studies.ratios import FIRST, FULL, Row, Told, ratio_rows
+from jouleswarm.studies.significance import Between, Ratios
 from jouleswarm.studies.verdict import answers, verdict_csv, verdict_markdown
 from tests.studies.made_up import meta_fact, task_fact
 
@@ -130,3 +132,45 @@ def test_tables_and_figures_tell_every_method(scenario: Scenario) -> None:
     assert [axes.get_title() for axes in (unseen, seen)] == ["unseen tasks (2)", "seen tasks (1)"]
     assert len(ratios_figure(rows, scenario).axes) == 3
     assert list(by_method(curves_of(facts, scenario))) == ["", "-multitask"]
+
+
+def with_p(t0: int, tasks: str, p: float, gain: float, measure: str = FULL) -> Row:
+    told = Told(None, None, 0, 30, None, None)
+    between = Between(gain, gain, gain)
+    return Row("maml", t0, tasks, measure, 10, 10 * gain, 10.0, Ratios(between, between), p, None, told, told)
+
+
+def test_p_is_corrected_within_each_of_two_families() -> None:
+    rows = [
+        with_p(42, "unseen", 0.01, 2.0),
+        with_p(90, "unseen", 0.03, 2.0),
+        with_p(90, "unseen", 0.02, 0.5),
+        with_p(90, "unseen", 0.9, 0.001, FIRST),
+        with_p(90, "seen", 0.004, 3.0),
+        with_p(90, "all", 0.9, 0.001),
+    ]
+    found = [(each.family, each.row.tasks, each.row.t0, each.row.p_holm, each.saves) for each in findings(rows, 90)]
+    # Of two primary ones 2 * 0.02 = 0.04, and 0.03, which may not fall below; of two others 2 * 0.004 and 0.01.
+    assert found == [
+        ("primary", "unseen", 90, 0.04, "yes"),
+        ("primary", "unseen", 90, 0.04, "costs"),
+        ("secondary", "unseen", 42, 0.01, "yes"),
+        ("secondary", "seen", 90, 0.008, "yes"),
+    ]
+    assert findings(rows, 0) == []
+
+
+@pytest.mark.parametrize(("p", "gain"), [(0.05, 2.0), (None, 2.0), (0.01, 1.0)])
+def test_nothing_is_shown_by_a_p_of_the_level_or_more_or_by_no_gain(p: float, gain: float) -> None:
+    assert Finding("primary", with_p(90, "unseen", p, gain)._replace(p_holm=p)).saves == "not shown"
+
+
+def test_tests_are_a_table_for_programs_and_one_for_readers() -> None:
+    found = findings([with_p(90, "unseen", 0.03, 2.0)], 90)
+    table = findings_csv(found)
+    assert dict(zip(table.headings, table.rows[0], strict=True)) == {
+        "family": "primary", "method": "maml", "t0": 90, "tasks": "unseen", "seeds": 10, "without": 20, "with": 10,
+        "ratio_of_means": 2, "ratio_of_means_low95": 2, "ratio_of_means_high95": 2, "p": 0.03, "p_holm": 0.03,
+        "saves": "yes",
+    }  # fmt: skip
+    assert findings_markdown(found).rows[0][-2:] == ("0.03", "yes")

@@ -20,6 +20,7 @@ from jouleswarm.studies.written import (
     percent,
     pm,
     ratios,
+    short_p,
     sums,
     times,
     write,
@@ -187,7 +188,7 @@ def test_the_guide_has_every_name_that_an_expression_may_use(results: Results) -
     ours, plain = environment(results), Environment()
     guide = (ROOT / "CONTRIBUTING.md").read_text()
     names = [*(ours.globals.keys() - plain.globals), *(ours.filters.keys() - plain.filters)]
-    assert len(names) == 13
+    assert len(names) == 14
     assert [name for name in names if not re.search(rf"`[^`]*\b{name}\b[^`]*`", guide)] == []
 
 
@@ -195,6 +196,7 @@ def test_how_numbers_are_spelled() -> None:
     assert [fixed(1188.82), fixed(float("inf")), fixed(95.27, 1)] == ["1,189", "never", "95.3"]
     assert [pm(95.27, 12.5, 1), pm(117, None)] == ["95.3 ± 12.5", "117"]
     assert [times(2.402), percent(0.584), percent(0.003, 1)] == ["2.4x", "58%", "0.3%"]
+    assert [short_p(value) for value in (0.3841, 1.84e-7, 1)] == ["0.38", "1.8e-07", "1"]
     assert [listed([59, 35, 38.2]), listed(["a"]), listed([0.5, 1.25], 1)] == ["59, 35 and 38", "a", "0.5 and 1.2"]
 
 
