@@ -1,7 +1,8 @@
-"""Figures that an audit worked out by hand, from the committed rows."""
+"""Figures worked out by hand, from the rows of an earlier `study paper` (`audited`) and from committed ones."""
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from statistics import fmean
 
@@ -21,12 +22,13 @@ from jouleswarm.studies.prices import cost_of, moved_motions, runs_of, with_moti
 from jouleswarm.studies.record import read_record
 
 RESULTS = Path(__file__).parents[2] / "results"
+AUDITED = Path(__file__).parent / "audited"
 SEEN = (1, 2, 6)
 
 
 @pytest.fixture(scope="module")
 def compact() -> list[Fact]:
-    return read_facts(RESULTS / "compact" / "facts.csv")
+    return read_facts(AUDITED / "facts.csv")
 
 
 def _savings(facts: list[Fact], energy: Energy, t0: int = 90) -> Savings:
@@ -66,7 +68,7 @@ def test_what_had_been_learned_after_so_many_rounds(compact: list[Fact]) -> None
 
 def test_motions_of_transfer_and_what_they_cost(compact: list[Fact]) -> None:
     # t_i x 2 robots x 20 motions, and t0 x 3 training robots x 20: 90 x 60 + 39.67 x 40 against 95.27 x 40.
-    scenario = read_record(RESULTS / "compact").scenario
+    scenario = read_record(AUDITED).scenario
     facts = with_motions(compact, scenario)
     told = {}
     for arm in ("multitask-t90", "fl"):
@@ -119,3 +121,37 @@ def test_shares_of_the_bill_with_transfer() -> None:
     cost = price(sum(mine, Counts()), Energy())
     shares = [round(100 * joules / cost.total_j, 2) for joules in list(cost.by_cause.values())[:5]]
     assert shares == [28.34, 0.72, 70.70, 0.08, 0.17]  # computing there, computing on robots, up, down, sidelinks
+
+
+def _by_seed(arm: str, tasks: tuple[int, ...]) -> dict[str, int]:
+    """Rounds by seed, read without any code of ours."""
+    found: dict[str, int] = {}
+    with (RESULTS / "compact" / "facts.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            if row["arm"] == arm and int(row["task"]) in tasks and int(row["seed"]) <= 15:
+                found[row["seed"]] = found.get(row["seed"], 0) + int(row["rounds"])
+    return found
+
+
+def test_rounds_that_transfer_takes_by_a_plain_sum_over_the_committed_rows() -> None:
+    unseen, seen = (3, 4, 5), SEEN
+    means = {(arm, tasks): fmean(_by_seed(arm, tasks).values())
+             for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90") for tasks in (unseen, seen)}  # fmt: skip
+    # Sums over 15 seeds: 506, 668, 480 and 518 rounds of unseen tasks, 789, 486, 197 and 0 of seen ones.
+    assert [round(15 * means[arm, unseen]) for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90")] == [
+        506, 668, 480, 518,
+    ]  # fmt: skip
+    assert [round(15 * means[arm, seen]) for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90")] == [
+        789, 486, 197, 0,
+    ]  # fmt: skip
+
+
+def test_the_bill_of_exact_maml_by_hand() -> None:
+    # Seed 1, stopped at t0 = 42: 1260 + 2.627 * 1260 gradients of 1.67 * 590 W * 0.02 s = 19.706 J in the data center;
+    # 3,097,624,320 bytes up and 7,223,424 down at 200 kb/J; then 71 rounds of two robots, each with 20 gradients
+    # of 5.1 W * 0.4 s = 2.04 J and 602,048 bytes to its neighbour at 500 kb/J.
+    stage = 1260 * 3.627 * 19.706 + 8 * (3_097_624_320 + 7_223_424) / 200e3
+    rounds = 71 * 2 * (20 * 2.04 + 8 * 602_048 / 500e3)
+    held = [fact for fact in read_facts(RESULTS / "compact" / "facts.csv") if (fact.arm, fact.seed) == ("maml-t42", 1)]
+    energy = read_record(RESULTS / "compact").scenario.energy
+    assert cost_of(held, energy).total_j == pytest.approx(stage + rounds, rel=1e-9)

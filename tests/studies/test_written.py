@@ -37,6 +37,7 @@ NO_RESULTS = (
     r"\(200, 500\)|\(500, 200\)",  # kb/J of the paper's pairs
     r"eqs?\. \(\d+\)(?: and \(\d+\))?",
     r"95%",
+    r"cut (?:the bill )?by 2x|from which it is 1x|in round 0 or 1",  # what is asked
     r"\((?:1, 2, 6|3, 4, 5)\)",  # tasks
     r"\(5\.6 MB|96x72",  # Table I, and the input of its network
     r"arXiv \d+\.\d+|PIMRC 2021|Of the 2021 paper|et al\. 2023|those of 2023",
