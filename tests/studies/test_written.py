@@ -32,7 +32,6 @@ TEMPLATE = ROOT / "docs" / "results.md.j2"
 TABLE = "t0,tasks,rounds,ci95\n0,seen,54.2,7.6\n0,unseen,41,\n90,seen,9.3,3.4\n90,unseen,30.4,inf\n"
 NO_RESULTS = (
     r"t0(?: = \d+)?",
-    r"longer than 90 rounds|\(90 rounds of 3 training robots|a cluster of 2\b",
     r"E_UL = \d+|1/E_UL|1/E_SL|T_0|\(1 \+ gamma\)|beta = 1\b",
     r"\(200, 500\)|\(500, 200\)",  # kb/J of the paper's pairs
     r"eqs?\. \(\d+\)(?: and \(\d+\))?",
