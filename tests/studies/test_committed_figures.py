@@ -147,10 +147,10 @@ def test_rounds_that_transfer_takes_by_a_plain_sum_over_the_committed_rows() -> 
 
 
 def test_the_bill_of_exact_maml_by_hand() -> None:
-    # Seed 1, stopped at t0 = 42: 1260 + 2.627 * 1260 gradients of 1.67 * 590 W * 0.02 s = 19.706 J in the data center;
+    # Seed 1, stopped at t0 = 42: 1260 + 1260 gradients (beta = 1) of 1.67 * 590 W * 0.02 s = 19.706 J;
     # 3,097,624,320 bytes up and 7,223,424 down at 200 kb/J; then 71 rounds of two robots, each with 20 gradients
     # of 5.1 W * 0.4 s = 2.04 J and 602,048 bytes to its neighbour at 500 kb/J.
-    stage = 1260 * 3.627 * 19.706 + 8 * (3_097_624_320 + 7_223_424) / 200e3
+    stage = 2520 * 19.706 + 8 * (3_097_624_320 + 7_223_424) / 200e3
     rounds = 71 * 2 * (20 * 2.04 + 8 * 602_048 / 500e3)
     held = [fact for fact in read_facts(RESULTS / "compact" / "facts.csv") if (fact.arm, fact.seed) == ("maml-t42", 1)]
     energy = read_record(RESULTS / "compact").scenario.energy

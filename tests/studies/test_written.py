@@ -32,7 +32,7 @@ TEMPLATE = ROOT / "docs" / "results.md.j2"
 TABLE = "t0,tasks,rounds,ci95\n0,seen,54.2,7.6\n0,unseen,41,\n90,seen,9.3,3.4\n90,unseen,30.4,inf\n"
 NO_RESULTS = (
     r"t0(?: = \d+)?",
-    r"E_UL = \d+|1/E_UL|1/E_SL|T_0|\(1 \+ gamma\)|beta = 1\b",
+    r"E_UL = \d+|1/E_UL|1/E_SL|T_0|\(1 \+ gamma\)|beta = 1\b|eq. \(9\) is 1, as Table I",
     r"\(200, 500\)|\(500, 200\)",  # kb/J of the paper's pairs
     r"eqs?\. \(\d+\)(?: and \(\d+\))?",
     r"95%",
