@@ -78,7 +78,7 @@ class KeptCell(Cell):
         counts = self.messages, self.payload_bytes, self.packet_bytes
         if counts == self._ahead:
             self._at ^= PLACE
-        elif counts[0] > self._ahead[0]:
+        elif counts[0] >= self._ahead[0]:
             self._write(self._at ^ PLACE, counts)
             self._at ^= PLACE
         # else it was announced with others, and the file is ahead.

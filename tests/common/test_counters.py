@@ -160,6 +160,15 @@ def test_what_is_announced_is_in_the_file_at_once_and_in_the_counter_when_it_hap
     assert read_counters(tmp_path) == {A: (4, 21, 35)}
 
 
+def test_what_counts_no_message_is_in_the_file_too(tmp_path: Path) -> None:
+    counters = Counters(tmp_path)
+    add(counters, A, 0, 3, 4)
+    assert read_counters(tmp_path) == {A: (0, 3, 4)}
+    add(counters, A, 1, 1, 1)
+    add(counters, A, 0, 1, 1)
+    assert read_counters(tmp_path) == {A: (1, 5, 6)}
+
+
 def test_what_was_announced_and_did_not_happen_is_taken_back(tmp_path: Path) -> None:
     counters = Counters(tmp_path)
     cell = counters.cell(A)

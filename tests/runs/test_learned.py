@@ -15,7 +15,7 @@ from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.runs.facts import task_results
 from jouleswarm.runs.lost_work import motions_of
 
-RESULTS = Path(__file__).parents[2] / "results"
+AUDITED = Path(__file__).parents[1] / "studies" / "audited" / "facts.csv"
 TASK = {"id": 1, "map": "E * * X"}
 
 
@@ -76,10 +76,10 @@ def test_motions_of_old_rows_are_those_of_the_scenario() -> None:
     assert (motions_of(scenario(), old), motions_of(scenario(), new)) == (20, 0)
 
 
-def test_in_the_committed_study_the_partial_window_is_what_makes_240_of_192() -> None:
+def test_in_an_earlier_study_the_partial_window_is_what_makes_240_of_192() -> None:
     # Compact, t0 = 90: the sum of t_i without transfer over that with it, and the same with t_i >= 5, R's window.
     sums: dict[tuple[str, int], dict[str, int]] = defaultdict(lambda: defaultdict(int))
-    with (RESULTS / "compact" / "facts.csv").open() as file:
+    with AUDITED.open() as file:
         for fact in csv.DictReader(file):
             if fact["task"] != "0" and (fact["method"] == "fl" or fact["t0"] == "90"):
                 for least in (0, 5):
