@@ -63,7 +63,7 @@ class KeptCell(Cell):
         """`counts`: as found in `numbers`; None: make a new one of them."""
         super().__init__(counts or (0, 0, 0))
         self._numbers, self._salt, self._at = numbers, salt_of(key), 0
-        self._ahead = self.counts  # with what was announced and is not added yet
+        self._ahead: Counts | None = None  # with what was announced, until that is added or withdrawn
         if counts is None:
             for place in range(CELL):
                 numbers[place] = 0
@@ -76,24 +76,24 @@ class KeptCell(Cell):
         self.payload_bytes += payload_bytes
         self.packet_bytes += packet_bytes
         counts = self.messages, self.payload_bytes, self.packet_bytes
-        if counts == self._ahead:
-            self._at ^= PLACE
-        elif counts[0] >= self._ahead[0]:
+        if self._ahead is not None and counts[0] < self._ahead[0]:
+            return  # it was announced with others, and the file is ahead
+        if counts != self._ahead:
             self._write(self._at ^ PLACE, counts)
-            self._at ^= PLACE
-        # else it was announced with others, and the file is ahead.
+        self._at ^= PLACE
+        self._ahead = None
 
     def announce(self, payload_bytes: int, packet_bytes: int) -> None:
-        messages, payloads, packets = self._ahead if self._ahead[0] > self.messages else self.counts
+        messages, payloads, packets = self._ahead or self.counts
         self._ahead = messages + 1, payloads + payload_bytes, packets + packet_bytes
         self._write(self._at ^ PLACE, self._ahead)
 
     def withdraw(self) -> None:
-        if self._ahead[0] > self.messages:
+        if self._ahead is not None:
             # The older place first: while it is written the newer one counts, with what was announced.
             self._write(self._at, self.counts)
             self._write(self._at ^ PLACE, self.counts)
-            self._ahead = self.counts
+            self._ahead = None
 
     def forget(self) -> None:
         super().forget()
@@ -101,7 +101,7 @@ class KeptCell(Cell):
         self._write(self._at ^ PLACE, self.counts)
         self._numbers[self._at + 3] = 0
         self._at ^= PLACE
-        self._ahead = self.counts
+        self._ahead = None
 
     def _write(self, at: int, counts: Counts) -> None:
         numbers = self._numbers

@@ -169,6 +169,19 @@ def test_what_counts_no_message_is_in_the_file_too(tmp_path: Path) -> None:
     assert read_counters(tmp_path) == {A: (1, 5, 6)}
 
 
+def test_nothing_added_leaves_the_newest_counts_where_a_torn_write_does_not_reach_them(tmp_path: Path) -> None:
+    first = Counters(tmp_path)
+    for _ in range(2):
+        add(first, A, 1, 10, 20)
+    again = Counters(tmp_path)
+    add(again, A, 0, 0, 0)
+    cell: Any = again.cell(A)
+    cell._numbers = Mortal(cell._numbers, 2)
+    with contextlib.suppress(Killed):
+        cell.add(5, 7)
+    assert read_counters(tmp_path) == {A: (2, 20, 40)}
+
+
 def test_what_was_announced_and_did_not_happen_is_taken_back(tmp_path: Path) -> None:
     counters = Counters(tmp_path)
     cell = counters.cell(A)

@@ -128,7 +128,7 @@ def _by_seed(arm: str, tasks: tuple[int, ...]) -> dict[str, int]:
     found: dict[str, int] = {}
     with (RESULTS / "compact" / "facts.csv").open(newline="") as file:
         for row in csv.DictReader(file):
-            if row["arm"] == arm and int(row["task"]) in tasks and int(row["seed"]) <= 15:
+            if row["arm"] == arm and int(row["task"]) in tasks:
                 found[row["seed"]] = found.get(row["seed"], 0) + int(row["rounds"])
     return found
 
@@ -144,6 +144,12 @@ def test_rounds_that_transfer_takes_by_a_plain_sum_over_the_committed_rows() -> 
     assert [round(15 * means[arm, seen]) for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90")] == [
         789, 486, 197, 0,
     ]  # fmt: skip
+    with (RESULTS / "compact" / "seen_unseen.csv").open(newline="") as file:
+        table = {(row["method"], row["tasks"]): float(row["full_window"]) for row in csv.DictReader(file)
+                 if row["measure"] == "rounds" and row["t0"] in ("0", "90")}  # fmt: skip
+    for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90"):
+        told = [table[arm.removesuffix("-t90"), tasks] for tasks in ("unseen", "seen")]
+        assert told == pytest.approx([means[arm, unseen], means[arm, seen]], rel=1e-4)
 
 
 def test_the_bill_of_exact_maml_by_hand() -> None:
