@@ -134,22 +134,17 @@ def _by_seed(arm: str, tasks: tuple[int, ...]) -> dict[str, int]:
 
 
 def test_rounds_that_transfer_takes_by_a_plain_sum_over_the_committed_rows() -> None:
-    unseen, seen = (3, 4, 5), SEEN
-    means = {(arm, tasks): fmean(_by_seed(arm, tasks).values())
-             for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90") for tasks in (unseen, seen)}  # fmt: skip
-    # Sums over 15 seeds: 506, 668, 480 and 518 rounds of unseen tasks, 789, 486, 197 and 0 of seen ones.
-    assert [round(15 * means[arm, unseen]) for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90")] == [
-        506, 668, 480, 518,
-    ]  # fmt: skip
-    assert [round(15 * means[arm, seen]) for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90")] == [
-        789, 486, 197, 0,
-    ]  # fmt: skip
+    arms, unseen, seen = ("fl", "maml-t90", "fomaml-t90", "reptile-t90"), (3, 4, 5), SEEN
+    rounds = {(arm, tasks): _by_seed(arm, tasks) for arm in arms for tasks in (unseen, seen)}
+    first = {key: sum(held[str(seed)] for seed in range(1, 16)) for key, held in rounds.items()}
+    assert [first[arm, unseen] for arm in arms] == [506, 668, 480, 518]
+    assert [first[arm, seen] for arm in arms] == [789, 486, 197, 0]
     with (RESULTS / "compact" / "seen_unseen.csv").open(newline="") as file:
         table = {(row["method"], row["tasks"]): float(row["full_window"]) for row in csv.DictReader(file)
                  if row["measure"] == "rounds" and row["t0"] in ("0", "90")}  # fmt: skip
-    for arm in ("fl", "maml-t90", "fomaml-t90", "reptile-t90"):
+    for arm in arms:
         told = [table[arm.removesuffix("-t90"), tasks] for tasks in ("unseen", "seen")]
-        assert told == pytest.approx([means[arm, unseen], means[arm, seen]], rel=1e-4)
+        assert told == pytest.approx([fmean(rounds[arm, tasks].values()) for tasks in (unseen, seen)], rel=1e-4)
 
 
 def test_the_bill_of_exact_maml_by_hand() -> None:
