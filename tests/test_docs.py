@@ -20,7 +20,8 @@ from tests.test_layout import FLOORS
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
 OF_THE_SITE = {"index.md", "contributing.md", "changelog.md"}  # each is a page of the root, or leads there
-NAMES = {path.name for path in ROOT.iterdir()}
+MADE = {line.strip("/") for line in (ROOT / ".gitignore").read_text().splitlines()}  # by whoever works in the checkout
+NAMES = {path.name for path in ROOT.iterdir()} - MADE
 
 by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
@@ -80,6 +81,11 @@ def test_what_is_not_there_is_found(tmp_path: Path) -> None:
     page.write_text("[a](page.md) [b](gone.md) [c](https://example.org/gone.md)")
     assert missing_links(page) == ["gone.md"]
     assert missing_paths("`docs/broker.md` `docs/gone.md` `elsewhere/gone.md`") == ["docs/gone.md"]
+    assert {
+        "runs",
+        "keys",
+        "build",
+    } <= MADE  # or a run in the checkout, and a page that speaks of one, would be a fault
     assert missing_modules("`python -m jouleswarm.agents`, python -m jouleswarm.gone") == ["jouleswarm.gone"]
     text = "```sh\njouleswarm run toy --set a=1\njouleswarm walk\njouleswarm study paper \\\n  --sneeds 2  # --x\n```"
     assert wrong_commands(text) == ["walk", "study paper \\\n  --sneeds 2  # --x"]
