@@ -1,6 +1,6 @@
 """Small messages: 100 robots at 1 kB and QoS 1, each to one neighbour, embedded broker against Mosquitto in one run.
 
-    python -m benchmarks.broker_small [--rounds 7] [--robots 100] [--size 1000] [--no-meter]
+    python -m benchmarks.broker_small [--rounds 7] [--robots 100] [--size 1000] [--no-meter] [--state]
 
 The clients are raw sockets in two processes (`light_clients`). At saturation each robot keeps a window of messages
 under way; at a moderate load each publishes at a fixed rate. Delay is from before the publisher's system call to
@@ -13,6 +13,7 @@ import contextlib
 import multiprocessing
 import os
 import statistics
+import tempfile
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -128,13 +129,17 @@ def main() -> None:
     known.add_argument("--window", type=int, default=20, help="messages of a robot under way at saturation")
     known.add_argument("--rate", type=float, default=20.0, help="messages of a robot a second at the moderate load")
     known.add_argument("--no-meter", action="store_true", help="switch the embedded broker's metering off")
+    known.add_argument("--state", action="store_true", help="have its counters outlive a kill, as those of a run do")
     options = known.parse_args()
     loads = (
         Load("saturation", 200, window=options.window),
         Load(f"{options.rate * options.robots:g} messages/s", int(options.rate * 2), interval_s=1 / options.rate),
     )
     with contextlib.ExitStack() as stack:
-        brokers = {"embedded": stack.enter_context(embedded(*(["--no-meter"] if options.no_meter else [])))}
+        own = ["--no-meter"] if options.no_meter else []
+        if options.state:
+            own += ["--state", stack.enter_context(tempfile.TemporaryDirectory())]
+        brokers = {"embedded": stack.enter_context(embedded(*own))}
         brokers["mosquitto"] = stack.enter_context(mosquitto())
         swarms = {
             name: Swarm(broker.url, psutil.Process(broker.pid), options.robots, options.size)

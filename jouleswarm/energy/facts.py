@@ -79,7 +79,7 @@ class Work(NamedTuple):
     plain: float
     """Batch gradients of first order, those that were lost to faults too."""
     exact: float
-    """Gradients through gradients, eq. (5)."""
+    """On B^(b): through gradients, eq. (5), where the method is `exact`."""
     seconds: float
     """Wall-clock time of its rounds, waiting included."""
     rounds: float = 0
@@ -124,6 +124,8 @@ class Facts:
     known_flows: tuple[Flow, ...] | None = None
     known_work: tuple[Work, ...] | None = None
     known_sent: tuple[Flow, ...] | None = None
+    exact: bool = True
+    """Whether gradients on B^(b) go back through an adaptation; those of first order cost 1, whatever beta is."""
 
     @cached_property
     def counts(self) -> StageCounts:

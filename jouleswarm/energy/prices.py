@@ -104,11 +104,14 @@ def is_whole(prices: PriceList, facts: Facts) -> bool:
 
 
 def with_beta(energy: Energy, facts: Facts) -> Energy:
-    """`energy` with a number for beta: as given, or where it is "measured" what the data center measured.
+    """`energy` with a number for beta: as given, or where it is "measured" what the data center measured; 1 of methods
+    of first order, which have nothing that could cost it.
 
     Raises:
         ConfigurationError: the arm's method was not measured in this run.
     """
+    if not facts.exact:
+        return energy if energy.beta == 1 else energy.model_copy(update={"beta": 1.0})
     if energy.beta != "measured":
         return energy
     if facts.beta is None:

@@ -32,6 +32,7 @@ class Spent:
         self._rounds: dict[tuple[str, str, int, int], int] = {}
         self._sent_share = {arm.name: _sent_shares(scenario, arm.method) for arm in scenario.arms}
         kinds = {arm.name: scenario.method(arm.method) for arm in scenario.arms}
+        self._exact = {name for name, kind in kinds.items() if kind.exact}
         self._gets_a_model = {
             name for name, kind in kinds.items() if kind.stage is not None and kind.partners != "datacenter"
         }
@@ -65,7 +66,8 @@ class Spent:
     def cost(self, arm: str, phase: Phase) -> Cost | None:
         """Joules by cause at the scenario's literal prices; None where they need what only the end tells."""
         counts = self.counts.get((arm, phase), Counts())
-        facts = Facts(arm, "", t0=0, parts={(phase, STAGE): counts}, beta=None if counts.gradients_query else 1.0)
+        beta, exact = None if counts.gradients_query else 1.0, arm in self._exact
+        facts = Facts(arm, "", t0=0, parts={(phase, STAGE): counts}, beta=beta, exact=exact)
         try:
             bill = price(literal, facts, self._scenario.energy)
         except ConfigurationError:  # told with the bill; who looks on never ends a run

@@ -127,8 +127,8 @@ def bill_so_far(scenario: Scenario, live: Live, arm: Arm, prices: PriceList) -> 
     phases: tuple[Phase, ...] = ("ml", "fl")
     parts = {(each, STAGE): counts[arm.name, each] for each in phases if (arm.name, each) in counts}
     known = (row.beta for (name, _, _), row in live.newest.items() if name == arm.method and row.beta is not None)
-    exact = any(part.gradients_query for part in parts.values())
-    facts = Facts(arm.name, arm.method, t0=0, parts=parts, beta=next(known, None if exact else 1.0))
+    beta = next(known, None if any(part.gradients_query for part in parts.values()) else 1.0)
+    facts = Facts(arm.name, arm.method, t0=0, parts=parts, beta=beta, exact=scenario.method(arm.method).exact)
     try:
         return price(prices, facts, scenario.energy)
     except ConfigurationError:  # told with the bill; a view never ends a run

@@ -186,7 +186,7 @@ def _held(
         if name == plain or not spent.has_learned or not spent.total_j or not plain_j:
             continue
         mine, here = facts[name], with_beta(energy, facts[name])
-        bills = total_of(mine, prices), total_of(other, prices)
+        bills = total_of(mine, prices), total_of(other, prices, with_beta(energy, other).beta)
         factors = {constant: turning(here, constant, *bills) for constant in TURNING}
         turns_at = {each: factor * getattr(here, each) for each, factor in factors.items() if factor is not None}
         has_stage = bool(spent.t0) and not arms[plain].t0

@@ -36,6 +36,7 @@ def arm_facts(
 ) -> Facts:
     """What an arm has done, what was done in vain too; its counts are of payload bytes."""
     method = method_of(arm)
+    exact = scenario.method(method).exact
     rows = [row for row in rows if row.arm in (arm, method)]
     moved = [row for row in meter_rows if row.arm in (arm, method) and row.side == metered_by(meter_rows)]
     wasted = [row for row in lost if row.arm in (arm, method)]
@@ -48,11 +49,12 @@ def arm_facts(
         robots={task: len(cluster) for task, cluster in scenario.clusters.items()},
         links=links_of(scenario, method),
         training_robots=sum(len(agents) for agents in scenario.training_agents.values()),
-        beta=measured_beta(rows, method),
+        beta=measured_beta(rows, method, exact=exact),
         metered=bool(meter_rows),
         known_flows=tuple(_flows(rows, moved, arm)),
         known_work=tuple(_work(scenario, rows, wasted, arm)),
         known_sent=tuple(_sent(moved, arm)),
+        exact=exact,
     )
 
 

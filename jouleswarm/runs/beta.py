@@ -7,17 +7,15 @@ from statistics import fmean
 
 from jouleswarm.common.wire.rows import RoundRow
 from jouleswarm.common.wire.types import RowPhase
-from jouleswarm.methods.shipped import shipped
 
 
-def measured_beta(rows: Iterable[RoundRow], method: str) -> float | None:
+def measured_beta(rows: Iterable[RoundRow], method: str, *, exact: bool) -> float | None:
     """Cost of a gradient through a gradient over one of first order: 1 by definition for methods without any.
 
-    None if it was not measured.
+    None if it was not measured. `exact`: as the method says of itself.
     """
     mine = [row for row in rows if (row.arm, row.phase, row.agent) == (method, RowPhase.ML, 0)]
-    kind = shipped(method)  # of a user's: where it has gradients on B^(b), they may be exact
-    if not (any(row.gradients_query for row in mine) if kind is None else kind.exact and mine):
+    if not (exact and mine):
         return 1.0
     found = [row.beta for row in mine if row.beta is not None]
     return fmean(found) if found else None

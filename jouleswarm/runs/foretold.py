@@ -65,6 +65,7 @@ def foretold_facts(scenario: Scenario, arm: Arm, t0: float, rounds: float) -> Fa
         robots={task: len(cluster) for task, cluster in scenario.clusters.items()},
         links=links_of(scenario, arm.method),
         training_robots=sum(len(agents) for agents in scenario.training_agents.values()) if t0 else None,
+        exact=scenario.method(arm.method).exact,
     )
     return in_closed_form(empty, scenario, tasks, scenario_sizes(scenario))
 

@@ -13,6 +13,7 @@ from jouleswarm.energy.facts import STAGE, Counts, Facts, Phase
 from jouleswarm.energy.literal import literal
 from jouleswarm.energy.prices import PriceList, price, with_beta
 from jouleswarm.energy.published import published
+from jouleswarm.methods.shipped import shipped
 from jouleswarm.studies.facts import META_STAGE, Fact
 
 PRICE_LISTS: tuple[PriceList, ...] = (literal, published)
@@ -70,7 +71,15 @@ def facts_of(facts: Sequence[Fact]) -> Facts:
         robots={fact.task: fact.robots for fact in tasks},
         links={fact.task: fact.links for fact in tasks},
         beta=stage.beta if stage and stage.gradients_query else 1.0,
+        exact=_exact(facts[0].method, stage),
     )
+
+
+def _exact(method: str, stage: Fact | None) -> bool:
+    """Whether gradients on B^(b) go back through an adaptation: of a user's method by the beta that is kept of it."""
+    if (kind := shipped(method)) is not None:
+        return kind.exact
+    return stage is not None and stage.beta != 1
 
 
 def priced(facts: Sequence[Fact], energy: Energy, prices: PriceList) -> Bill | None:
