@@ -64,6 +64,13 @@ class StudyError(JouleSwarmError):
     kind = "study"
 
 
+class RemovedError(JouleSwarmError):
+    """The broker had let this client in and does so no more: whoever keeps its users took it out."""
+
+    exit_code = 7
+    kind = "removed"
+
+
 _USED_UP = {
     errno.EMFILE: "raise `ulimit -n`: some 100 files are enough",
     errno.ENFILE: "close other programs",

@@ -104,7 +104,8 @@ class Connection:
             if reason.value == SERVER_UNAVAILABLE:  # it is starting or overloaded: paho tries again
                 self._why_refused = "refused: server unavailable"
             elif reason.is_failure:
-                self._failure = connack_refusal(reason.value, str(reason), self._address, self._user)
+                told = reason.value, str(reason), self._address, self._user
+                self._failure = connack_refusal(*told, was_let_in=self.connections > 0)
             else:
                 self._connected = True
                 self.connections += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ssl
 
 from jouleswarm.common.bus.address import BrokerAddress
-from jouleswarm.common.errors import ConfigurationError
+from jouleswarm.common.errors import ConfigurationError, JouleSwarmError, RemovedError
 
 SERVER_UNAVAILABLE, BAD_CREDENTIALS = 136, 134  # MQTT 5, section 2.4; paho's names for return codes 3 and 4 too
 TLS_ALERT = b"\x15\x03"  # content type and version of a TLS record (RFC 8446, section 5.1)
@@ -25,9 +25,16 @@ def refusal(error: OSError, address: BrokerAddress) -> ConfigurationError | None
     return ConfigurationError(f"broker {address}: {text}") if text else None
 
 
-def connack_refusal(reason: int, said: str, address: BrokerAddress, user: str | None) -> ConfigurationError:
-    """The mistake behind a CONNACK that refuses (MQTT 3.1.1, section 3.2.2.3)."""
+def connack_refusal(
+    reason: int, said: str, address: BrokerAddress, user: str | None, *, was_let_in: bool = False
+) -> JouleSwarmError:
+    """The mistake behind a CONNACK that refuses (MQTT 3.1.1, section 3.2.2.3); none of a client that it let in before."""
     who = f"user {user!r}" if user else "a client without user and password"
+    if was_let_in:
+        return RemovedError(
+            f"broker {address} refused {who}: {said.lower()}, and had let it in before; it is no user any more, or has "
+            "another password or other rights: ask whoever keeps the broker's users"
+        )
     if reason == BAD_CREDENTIALS or not user:
         hint = "expected a user of the broker's users file and its password; give --keys FOLDER, or both in the URL"
     else:

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from jouleswarm.common.errors import ConfigurationError, RunError
+from jouleswarm.common.errors import ConfigurationError, RemovedError, RunError
 from jouleswarm.fleet.endings import ending, signal_of
 from jouleswarm.fleet.forked import Forked, ForkServer
 from jouleswarm.fleet.forkserver import Order
@@ -145,11 +145,14 @@ class Launcher:
             self._ended("broker", self._broker.returncode)
 
     def _ended(self, name: str, code: int) -> None:
+        if code == RemovedError.exit_code and self._may_miss(name):
+            self._miss(name, "is no user of the broker any more")
+            return
         number = signal_of(code, is_broker=name == "broker")
         if number is None or (self._restarted[name] >= self._restarts and not self._may_miss(name)):
             raise RunError(ending(name, code, self._log(name), self._restarted[name]))
         if self._restarted[name] >= self._restarts:
-            self._miss(name, number)
+            self._miss(name, f"was ended by {number.name}")
         elif time.monotonic() >= self._held.get(name, 0.0):
             self._restart(name, number)
 
@@ -167,10 +170,10 @@ class Launcher:
             self._server.close()
             self._server = None
 
-    def _miss(self, name: str, number: signal.Signals) -> None:
+    def _miss(self, name: str, why: str) -> None:
         if name not in self._missed:
             self._missed.add(name)
-            self._told(f"{name} was ended by {number.name}; the others go on without it")
+            self._told(f"{name} {why}; the others go on without it")
 
     def hold(self, name: str, seconds: float) -> None:
         """Do not start a process again before so many seconds are over."""
