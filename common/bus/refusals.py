@@ -28,7 +28,7 @@ def refusal(error: OSError, address: BrokerAddress) -> ConfigurationError | None
 def connack_refusal(
     reason: int, said: str, address: BrokerAddress, user: str | None, *, was_let_in: bool = False
 ) -> JouleSwarmError:
-    """The mistake behind a CONNACK that refuses (MQTT 3.1.1, section 3.2.2.3); none of a client that it let in before."""
+    """The mistake behind a CONNACK that refuses (MQTT 3.1.1, section 3.2.2.3); none of one that it let in before."""
     who = f"user {user!r}" if user else "a client without user and password"
     if was_let_in:
         return RemovedError(
