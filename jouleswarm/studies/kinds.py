@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from jouleswarm.common.errors import StudyError, usable
 from jouleswarm.common.figure_kinds import KINDS
+from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
 from jouleswarm.studies.arms import told_apart
@@ -61,7 +62,7 @@ class Kind:
     def outputs(self, facts: Sequence[Fact], record: Record) -> Outputs:
         """Tables and figures of facts as they were read: the study's own, then what every study has: curves, what the
         bills hang on beside that without transfer and, where constants are ranges, what that comes to."""
-        held, energy = told_apart(with_motions(facts, record.scenario)), record.scenario.energy
+        held, energy = as_told(facts, record.scenario), record.scenario.energy
         made = self.tables(held, record)
         curves = curves_of(held, record.scenario)
         made.csv["curves"] = curves_csv(curves)
@@ -76,6 +77,11 @@ class Kind:
             made.csv["uncertain"] = uncertain_csv(rows)
             made.markdown["uncertain"] = [uncertain_markdown(rows, energy)]
         return made
+
+
+def as_told(facts: Sequence[Fact], scenario: Scenario) -> list[Fact]:
+    """Facts as they were read, with their motions, and with arms that each have one t0: what all tables are made of."""
+    return told_apart(with_motions(facts, scenario))
 
 
 def write_csv_tables(folder: Path, outputs: Outputs) -> list[Path]:

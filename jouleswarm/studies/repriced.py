@@ -13,7 +13,8 @@ from jouleswarm.report.table import Table
 from jouleswarm.studies.catalogue import kind_of
 from jouleswarm.studies.engine import FACTS
 from jouleswarm.studies.facts import Fact, read_facts
-from jouleswarm.studies.prices import facts_of, with_motions
+from jouleswarm.studies.kinds import as_told
+from jouleswarm.studies.prices import facts_of
 from jouleswarm.studies.record import RECORD, Record, read_record
 from jouleswarm.studies.uncertain import uncertain_csv, uncertain_rows
 from jouleswarm.studies.why import against_plain, why_csv
@@ -48,7 +49,7 @@ def table_at(results: Path, changes: Sequence[str], name: str) -> Table:
         StudyError: `results` holds no study.
     """
     record, facts = repriced(results, changes)
-    energy, held = record.scenario.energy, with_motions(facts, record.scenario)
+    energy, held = record.scenario.energy, as_told(facts, record.scenario)
     # Those that every study has are made alone: its own take seconds where seeds are drawn again.
     common: dict[str, Callable[[], Table]] = {
         "why": lambda: why_csv(against_plain(held, record.scenario), energy),

@@ -47,7 +47,7 @@ def uncertain_rows(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceL
     drawn = list(draw(energy, _DRAWS))
     arms = sorted(arms_of(facts), key=lambda each: each[1] != PLAIN)  # the one that others are compared with first
     for prices in (literal, *own_lists(lists)):
-        plain: dict[str, tuple[list[int], NDArray[np.float64]]] = {}
+        plain: dict[str, tuple[list[int], NDArray[np.float64]]] = {}  # [draws, seeds] of the arm without transfer
         for variant, arm in arms:
             held = {seed: facts_of(run) for seed, run in runs_of(facts, variant, arm).items()}
             seeds, now = list(held), _joules(held.values(), [energy], prices)
@@ -56,16 +56,22 @@ def uncertain_rows(facts: Sequence[Fact], energy: Energy, lists: Sequence[PriceL
             table = _joules(held.values(), drawn, prices)
             joules = _again(table)
             if arm == PLAIN:
-                plain[variant] = seeds, joules
-            is_paired = arm != PLAIN and variant in plain and plain[variant][0] == seeds
+                plain[variant] = seeds, table
+            others = None if arm == PLAIN else _of_seeds(seeds, *plain.get(variant, ([], table)))
             rows.append(
                 Row(
                     variant, arm, prices.name, fmean(now[0]), interval(np.array([fmean(row) for row in table])),
-                    interval(joules), pays(joules, plain[variant][1]) if is_paired else None,
+                    interval(joules), None if others is None else pays(joules, _again(others)),
                 )
             )  # fmt: skip
     order = arms_of(facts)
     return sorted(rows, key=lambda row: order.index((row.variant, row.arm)))
+
+
+def _of_seeds(wanted: list[int], seeds: list[int], table: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Columns of [draws, seeds] for some of the seeds; None where one is not there."""
+    places = [seeds.index(seed) for seed in wanted if seed in seeds]
+    return np.asarray(table[:, places]) if len(places) == len(wanted) else None
 
 
 def _joules(facts: Collection[Facts], drawn: Sequence[Energy], prices: PriceList) -> NDArray[np.float64]:

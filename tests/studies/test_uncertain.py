@@ -63,5 +63,22 @@ def test_how_likely_transfer_pays_is_counted_in_draws(scenario: Scenario) -> Non
     assert with_it.pays == pytest.approx(0.75, abs=0.06)  # all but the draws that have seed 2 twice
 
 
+def test_an_arm_of_fewer_seeds_is_held_against_the_same_seeds_without_transfer(scenario: Scenario) -> None:
+    free = {"gradients_support": 0, "gradients_query": 0, "uplink_bytes": 0, "downlink_bytes": 0}
+    # Without transfer seed 1 takes 5 rounds a task, fewer than the 10 with it; seed 2 takes so many that a mean of both
+    # is dearer than them.
+    facts = [
+        fact if fact.task else fact.model_copy(update=free)
+        for seed, without in ((1, 5), (2, 100))
+        for fact in pair_of_arms("", seed, 10, without)
+        if fact.arm == "fl" or seed == 1
+    ]
+    energy = Energy.model_validate({"pue": {"low": 1.5, "high": 2.0}})
+    with_it, _ = uncertain_rows(with_motions(facts, scenario), energy, [literal])
+    assert with_it.pays == 0.0
+    (alone,) = uncertain_rows(with_motions([fact for fact in facts if fact.arm == "maml"], scenario), energy, [literal])
+    assert alone.pays is None
+
+
 def test_exact_constants_have_no_table(scenario: Scenario) -> None:
     assert uncertain_rows(with_motions(pair_of_arms("", 1, 10, 20), scenario), Energy(), [literal]) == []

@@ -9,6 +9,8 @@ import pytest
 from jinja2 import Environment
 
 from jouleswarm.common.errors import JouleSwarmError, StudyError
+from jouleswarm.studies.engine import FACTS
+from jouleswarm.studies.facts import read_facts, write_facts
 from jouleswarm.studies.lookup import Results, Row
 from jouleswarm.studies.written import (
     check,
@@ -182,6 +184,19 @@ def test_a_table_at_other_prices_is_made_again(paper_results: Path) -> None:
     sent, *both = (total(pk_w) for pk_w in (1e-6, 5, 10))
     assert both[1] - sent == pytest.approx(2 * (both[0] - sent), rel=1e-4)
     assert both[0] > sent
+
+
+def test_a_table_at_other_prices_keeps_an_arm_apart_that_went_further_in_some_seeds(paper_results: Path) -> None:
+    facts = read_facts(paper_results / FACTS)
+    to_90 = [fact for fact in facts if fact.arm in ("maml-t90", "fl") and fact.seed == 1]
+    as_last = [fact.model_copy(update={"seed": 77, "arm": fact.method}) for fact in to_90]
+    write_facts(paper_results / FACTS, [*facts, *as_last])
+    found = Results(paper_results.parent).rows(
+        f"{paper_results.name}/uncertain", "energy.pue={low=1.5,high=2.0}", prices="literal"
+    )
+    arms = [row["arm"] for row in found]
+    assert "maml" not in arms  # whose bill would be a mean over 240 rounds and 90
+    assert {"maml-t90", "maml-t240", "fl"} <= set(arms)
 
 
 def test_the_guide_has_every_name_that_an_expression_may_use(results: Results) -> None:
