@@ -115,6 +115,20 @@ def make(name: str, factory: Any | None, task: Task, tables: Mapping[str, Any]) 
     return made
 
 
+def called(function: Any, argument: Any, what: str) -> Any:
+    """What a function of the user's gives; `what` begins the line that says why it fails.
+
+    Raises:
+        ConfigurationError: it does.
+    """
+    try:
+        return function(argument)
+    except JouleSwarmError:
+        raise
+    except Exception as error:  # whatever it does
+        raise ConfigurationError(f"{what}: {type(error).__name__}: {first_line(error)}") from error
+
+
 def first_line(error: BaseException) -> str:
     """What an error says, as far as a line goes."""
     return (str(error).strip().splitlines() or [""])[0][:300]

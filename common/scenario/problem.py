@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, model_validator
 
 from jouleswarm.common.errors import ConfigurationError
-from jouleswarm.common.scenario.environments import LANDMARKS, factory_of, make, spaces_of, with_own
+from jouleswarm.common.scenario.environments import LANDMARKS, called, factory_of, make, spaces_of, with_own
 from jouleswarm.common.scenario.sections import Network, Section, Task
 from jouleswarm.common.scenario.spaces import Interface, Spaces
 from jouleswarm.common.scenario.stored import as_written
@@ -92,9 +92,13 @@ class Problem(Section):
         return make(self.environment, factory, self.task(task), tables)
 
     def share(self) -> object:
-        """What the environment has its robots share in memory, made for who is forked then; None: nothing."""
+        """What the environment has its robots share in memory, made for who is forked then; None: nothing.
+
+        Raises:
+            ConfigurationError: it fails at that; one line that says why.
+        """
         share = getattr(self.factory, "share", None)
-        return None if share is None else share(self)
+        return None if share is None else called(share, self, f"environment {self.environment!r}: share() fails")
 
     @cached_property
     def known(self) -> list[tuple[tuple[Any, ...], Interface | Spaces]]:

@@ -19,7 +19,7 @@ import socket
 import sys
 from typing import NamedTuple
 
-from jouleswarm.common.process import leave_at_once
+from jouleswarm.common.process import leave_at_once, one_line_errors
 
 PRELOAD = (
     "jouleswarm.agents.__main__",
@@ -58,7 +58,8 @@ def main() -> None:
     """Arguments: a descriptor, the socket to the launcher; the launcher's process id; perhaps a scenario file."""
     descriptor, parent, *scenario = sys.argv[1:]
     end_with(int(parent))  # before the libraries are loaded: that takes seconds
-    load(*scenario)
+    with one_line_errors("fork server"):
+        load(*scenario)
     order = serve(socket.socket(fileno=int(descriptor)))
     if order is not None:
         gc.enable()

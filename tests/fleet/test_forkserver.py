@@ -4,6 +4,12 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
+from jouleswarm.common.errors import RunError
+from jouleswarm.fleet.launcher import Launcher
 
 CODE = """
 import gc, json, os, sys
@@ -72,3 +78,21 @@ for task in scenario.clusters:
 
 def test_what_robots_see_is_drawn_before_they_are_forked() -> None:
     subprocess.run([sys.executable, "-c", SHARED], env={**os.environ, **ONE_THREAD}, check=True)
+
+
+def test_an_environment_that_fails_to_share_is_told_in_a_line_before_any_process_runs(tmp_path: Path) -> None:
+    (tmp_path / "theirs.py").write_text(
+        "import gymnasium\n"
+        "class Factory:\n"
+        "    def __call__(self): return gymnasium.make('CartPole-v1')\n"
+        "    def share(self, scenario): raise ValueError('no room' + chr(10) + 'for it')\n"
+        "made = Factory()\n"
+    )
+    scenario = tmp_path / "theirs.toml"
+    scenario.write_text('name = "theirs"\nenvironment = "theirs:made"\nmethods = ["fl"]\n[[tasks]]\nid = 1\n')
+    with Launcher(tmp_path / "logs", scenario=scenario) as launcher:
+        with pytest.raises(RunError) as error:
+            launcher.start("agent-1", "jouleswarm.agents", ["--id", "1"])
+        assert launcher.pids == {}
+    told = "no process could be started: the fork server ended with code 2: fork server: environment 'theirs:made': "
+    assert str(error.value).startswith(f"{told}share() fails: ValueError: no room (all of it: ")
