@@ -16,7 +16,7 @@ import pytest
 
 from jouleswarm.common.bus.address import BrokerAddress, parse_url
 from jouleswarm.common.bus.mqtt import MqttBus
-from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError
+from jouleswarm.common.errors import BrokerUnreachableError, ConfigurationError, RemovedError
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = "jouleswarm/run/maml/sl/1/1/weights"  # 34 bytes
@@ -372,7 +372,7 @@ def test_a_broker_that_is_unavailable_for_now_is_tried_again_and_one_that_refuse
         bus = MqttBus.connect(url, "agent-1", connect_timeout_s=20)
         assert len(connections) == 3
         connections[2].close()  # it is gone, comes back, and knows the client no more
-        with pytest.raises(ConfigurationError, match="not authorized"):
+        with pytest.raises(RemovedError, match="not authorized"):
             bus.receive(20)
         server.join()
         bus._stop()
