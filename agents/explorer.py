@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jouleswarm.agents.choice import Choice, by_guide
+from jouleswarm.agents.trial import Trial, greedy_episode
 from jouleswarm.codecs.frames import shrink
 from jouleswarm.codecs.observations import encode_experience, experience_codec_of
 from jouleswarm.common.disk.state import State, generator_state, load_generator
@@ -43,14 +44,6 @@ class Motion(NamedTuple):
     action: int
     step: Step
     first: bool
-
-
-class Trial(NamedTuple):
-    """How a greedy episode went, as the environment judges."""
-
-    reward: float
-    measures: dict[str, float]
-    motions: int
 
 
 class Explorer:
@@ -139,13 +132,7 @@ class Explorer:
     def _evaluate(self, policy: Policy, seed: int | None) -> Trial:
         discount, noise = self._scenario.learning.discount, self._evaluation.noise() if seed is None else None
         self.evaluation = Evaluation(discount=discount, noise=noise, seed=seed)
-        observation, total, factor, ended, motions = self._evaluation.reset(seed=seed), 0.0, 1.0, False, 0
-        while not ended:
-            step = self._evaluation.step(int(policy.q_values(self._small(observation)).argmax()))
-            self.tally.evaluation_motion()
-            total, factor, motions = total + factor * step.reward, factor * discount, motions + 1
-            observation, ended = step.observation, step.ended
-        return Trial(*self._evaluation.judge(total), motions)
+        return greedy_episode(self._evaluation, policy, self._small, seed, discount, self.tally)
 
     def motions(self, round_: int) -> Iterator[bytes]:
         """One meta-learning round's experience, a payload a motion, epsilon-greedy on the environment's guide.

@@ -199,6 +199,7 @@ class Robot:
                 "gradients": gradients,
                 "motions": self.scenario.motions(self.agent),
                 "evaluation_motions": trial.motions,
+                "ran_away": trial.ran_away,
                 "learned": learned if last else None,
                 "missed": exchange.missed,
             }

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from statistics import fmean
 from typing import Any
 
-from jouleswarm.agents.explorer import Trial
+from jouleswarm.agents.trial import mean_of
 from jouleswarm.agents.ways import Here, Way
 from jouleswarm.common.wire.messages import ModelHeader
 from jouleswarm.common.wire.rows import measured
@@ -41,6 +41,7 @@ def begin(here: Here, way: Way, keep: Callable[[], None]) -> tuple[dict[str, Any
         **measured(mean.measures),
         "motions": 0,
         "evaluation_motions": mean.motions,
+        "ran_away": mean.ran_away,
         "learned": True if cluster_reward >= settings.target_reward else None,
         "missed": exchange.missed,
     }
@@ -52,10 +53,3 @@ def begin(here: Here, way: Way, keep: Callable[[], None]) -> tuple[dict[str, Any
         rewards={here.agent: (0, trials[-1].reward)},
     )
     return told, (way.policy.weights(), header)
-
-
-def mean_of(trials: list[Trial]) -> Trial:
-    """Means of what episodes count and are measured, and the sum of their motions."""
-    names = {name for each in trials for name in each.measures}
-    measures = {name: fmean(each.measures[name] for each in trials if name in each.measures) for name in sorted(names)}
-    return Trial(fmean(each.reward for each in trials), measures, sum(each.motions for each in trials))

@@ -28,6 +28,9 @@ class RoundRow(BaseModel):
     measures: dict[str, float] = {}
     """What else the environment tells of that episode (`reached`: 1, or 0 where it missed its end); left out of a row
     where there is nothing."""
+    ran_away: float | None = None
+    """Mean |Q| of what was done in that episode, where it is far beyond any return of its rewards (see
+    `learning.dqn.ran_away`); left out of a row where it is not."""
     gradients: int = 0
     """Batch gradients really computed; of the data center support + query."""
     gradients_support: int | None = None
@@ -49,10 +52,12 @@ class RoundRow(BaseModel):
     seconds: float
 
     @model_serializer(mode="wrap")
-    def _without_empty_measures(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_the_exceptional(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written: dict[str, Any] = write(self)
         if not self.measures:
             written.pop("measures", None)
+        if self.ran_away is None:
+            written.pop("ran_away", None)
         return written
 
     def is_over(self, max_rounds: int, target_reward: float) -> bool:

@@ -139,6 +139,8 @@ def _price(prices: PriceList, facts: Facts, energy: Energy, where: str) -> Bill 
         raise ConfigurationError(
             f"{where}: price() gave {type(bill).__name__} for {_arm(facts)}, expected Bill or None"
         )
+    if prices.name in _PAPERS:  # whose bills tests hold to add up, and studies ask for by the hundred thousand
+        return bill
     sums = bill.sums_j
     total = sums["phases"]
     if not all(math.isclose(each, total, rel_tol=_CLOSE, abs_tol=_CLOSE) for each in sums.values()) or math.isinf(

@@ -38,6 +38,31 @@ def td_slope(q: Tensor, action: Tensor, target: Tensor) -> tuple[Tensor, Tensor]
     return loss, torch.zeros_like(q).scatter_(1, taken, slope.unsqueeze(1))
 
 
+def ran_away(values: Sequence[float], rewards: Sequence[float], discount: float) -> float | None:
+    """Mean |Q| of an episode's actions where it is more than ten times what its rewards could ever add up to.
+
+    |Q| is at most max |r| / (1 - nu) for any policy, so that values beyond that are no estimate of a return. A network
+    may know of rewards that this episode did not meet, hence the ten times, and a reward of 1 at least.
+
+    Args:
+        values: Q of each action that was taken.
+        rewards: of each.
+        discount: nu; with 1 there is no such bound.
+
+    Returns:
+        None where the values may be right.
+    """
+    if not values or discount >= 1:
+        return None
+    mean = sum(map(abs, values)) / len(values)
+    return mean if mean > 10 * return_limit(rewards, discount) else None
+
+
+def return_limit(rewards: Sequence[float], discount: float) -> float:
+    """max(|r|, 1) / (1 - nu): no discounted return of rewards as large as these is beyond it."""
+    return max(1.0, *map(abs, rewards)) / (1 - discount)
+
+
 def epsilon_greedy(q: Tensor, epsilon: float, rng: np.random.Generator) -> int:
     """A random action with probability `epsilon`, else the best of `q` [actions]."""
     if rng.random() < epsilon:

@@ -14,6 +14,7 @@ from jouleswarm.energy.published import CLUSTER_ROBOTS, TRAINING_ROBOTS, publish
 from jouleswarm.methods.method import Method
 from jouleswarm.report.arms import labels
 from jouleswarm.report.format import bytes_text
+from jouleswarm.report.values import values_that_ran_away
 from jouleswarm.runs.columns import closed_facts
 from jouleswarm.runs.conservation import Balance, conservation
 from jouleswarm.runs.directory import computed_on
@@ -39,14 +40,15 @@ def headline(run: Run, energy: Energy) -> str:
 
 
 def warnings(run: Run) -> list[str]:
-    """What stands before everything else: that a bill is not to be trusted."""
-    if not run.misfits:
-        return []
-    told = (run.summary or {}).get("counters") or "the broker's counters"
-    return [
-        f"{_do_not_fit(run.misfits)} This bill is fed by {told}, and is not to be trusted: "
-        "run it again, on a broker that keeps its counters for the whole run."
-    ]
+    """What stands before everything else: that a bill is not to be trusted, or what was learned is none."""
+    found = []
+    if run.misfits:
+        told = (run.summary or {}).get("counters") or "the broker's counters"
+        found.append(
+            f"{_do_not_fit(run.misfits)} This bill is fed by {told}, and is not to be trusted: "
+            "run it again, on a broker that keeps its counters for the whole run."
+        )
+    return found + values_that_ran_away(run)
 
 
 def notes(run: Run, energy: Energy) -> list[str]:

@@ -132,6 +132,20 @@ def failures_of(facts: Iterable[Fact], variant: str, arm: str, tasks: Iterable[i
     return failures(held), len(held)
 
 
+def ran_away_note(facts: Iterable[Fact]) -> str | None:
+    """Which arms had robots whose values were no estimate of a return, and in how many tasks; None where none had."""
+    held: dict[tuple[str, str], list[Fact]] = {}
+    for fact in task_stages(facts):
+        held.setdefault((fact.variant, fact.arm), []).append(fact)
+    told = [
+        f"{arm}{f' with {variant}' if variant else ''} in {away} of {len(each)}"
+        for (variant, arm), each in held.items()
+        if (away := sum(fact.ran_away > 0 for fact in each))
+    ]
+    where = "their rounds tell of this, and not of the method"
+    return f"Values ran away, beyond any return, in tasks of {'; '.join(told)}: {where}." if told else None
+
+
 class PathError(NamedTuple):
     """RMSE at the stop in metres, of each task the mean over its robots."""
 

@@ -87,6 +87,7 @@ def _task_fact(run: Run, arm: Arm, result: TaskResult) -> Fact:
         rmse_m=result.rmse_m,
         **_counts(facts, "fl", result.task),
         seconds=_slowest_s(rows),
+        ran_away=sum(row.ran_away is not None for row in rows),
         rewards=_rewards_text(rewards_by_round(run, arm.name).get(result.task, {})),
     )
 

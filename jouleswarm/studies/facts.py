@@ -15,6 +15,7 @@ from jouleswarm.energy.facts import Counts
 from jouleswarm.report.table import Table, csv_text
 from jouleswarm.studies.files import number_text, write_atomically
 
+_COUNTED = tuple(each.name for each in fields(Counts))
 META_STAGE = 0
 """The `task` of the shared meta-learning stage in the data center."""
 
@@ -66,10 +67,14 @@ class Fact(BaseModel):
     rewards: str = ""
     """R after each round from 0 on, with spaces between; "" of a stage, and in facts from before that was noted."""
 
+    ran_away: int = 0
+    """Robots' rounds, round 0 among them, on values beyond any return (see `RoundRow.ran_away`); 0 of a stage, and in
+    facts from before that was noted."""
+
     @property
     def counts(self) -> Counts:
         """What is priced."""
-        return Counts(**{each.name: getattr(self, each.name) or 0 for each in fields(Counts)})
+        return Counts(*[getattr(self, name) or 0 for name in _COUNTED])
 
 
 COLUMNS = tuple(Fact.model_fields)

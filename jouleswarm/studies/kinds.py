@@ -13,7 +13,7 @@ from jouleswarm.common.figure_kinds import KINDS
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.report.figures import save_figure
 from jouleswarm.report.table import Table, csv_text, markdown_text
-from jouleswarm.studies.arms import told_apart
+from jouleswarm.studies.arms import ran_away_note, told_apart
 from jouleswarm.studies.curves import curves_csv, curves_of
 from jouleswarm.studies.curves_figures import by_method, curves_figures
 from jouleswarm.studies.facts import Fact
@@ -64,6 +64,9 @@ class Kind:
         bills hang on beside that without transfer and, where constants are ranges, what that comes to."""
         held, energy = as_told(facts, record.scenario), record.scenario.energy
         made = self.tables(held, record)
+        if note := ran_away_note(held):
+            for name, (first, *others) in list(made.markdown.items()):
+                made.markdown[name] = [first._replace(notes=(*first.notes, note)), *others]
         curves = curves_of(held, record.scenario)
         made.csv["curves"] = curves_csv(curves)
         for name, shown in by_method(curves).items():

@@ -57,7 +57,7 @@ def begun(settings: Scenario, agent: int = 1) -> Explorer:
 
 def test_a_perfect_episode_returns_the_discounted_rewards_and_follows_the_path() -> None:
     settings = scenario()
-    reward, measures, motions = begun(settings).evaluate(always(FORWARD, settings))
+    reward, measures, motions, _ = begun(settings).evaluate(always(FORWARD, settings))
     assert reward == pytest.approx(BEST_RETURN, abs=1e-4)
     assert measures == {"rmse_m": 0.0, "reached": 1.0}
     assert motions == 3  # from the entry, three rows on
@@ -65,7 +65,7 @@ def test_a_perfect_episode_returns_the_discounted_rewards_and_follows_the_path()
 
 def test_an_episode_that_never_arrives_pays_and_is_measured_against_the_path() -> None:
     settings = scenario()
-    reward, measures, motions = begun(settings).evaluate(always(LEFT, settings))
+    reward, measures, motions, _ = begun(settings).evaluate(always(LEFT, settings))
     # ten motions at (0, 0), one off the entry: -3 - 1.5 each
     assert reward == pytest.approx(-4.5 * (1 - 0.99**10) / (1 - 0.99), abs=1e-4)
     # (0, 1), then (0, 0) against (1, 1), (2, 1) and nine times... the path waits at (3, 1) for motions 3 to 10

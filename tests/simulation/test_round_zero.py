@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jouleswarm.agents.explorer import Explorer, Trial
+from jouleswarm.agents.explorer import Explorer
+from jouleswarm.agents.trial import Trial
 from jouleswarm.common.scenario.reading import load_scenario
 from jouleswarm.common.scenario.scenario import Scenario
 from jouleswarm.common.wire.messages import ModelHeader

@@ -352,7 +352,7 @@ def test_facts_read_back_as_they_were_written(tmp_path: Path) -> None:
 def test_facts_from_before_the_processor_or_motions_were_noted_are_read(tmp_path: Path) -> None:
     fact = task_fact(Arm("fl", "fl", 0), 1, 9)
     write_facts(tmp_path / FACTS, [fact.model_copy(update={"processor": "one"})])
-    for columns, read in ((5, fact), (4, fact.model_copy(update={"processor": "one"}))):
+    for columns, read in ((6, fact), (5, fact.model_copy(update={"processor": "one"}))):
         before = [line.rsplit(",", columns)[0] for line in (tmp_path / FACTS).read_text().splitlines()]
         (tmp_path / "before.csv").write_text("\n".join(before) + "\n")
         assert read_facts(tmp_path / "before.csv") == [read]
@@ -374,7 +374,7 @@ def test_damaged_facts_are_named_with_their_line(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"line 2: rounds: .*got 'nine'"):
         read_facts(path)
     path.write_text(text + "1,2\n")
-    with pytest.raises(StudyError, match="line 3: 2 cells, expected 27"):
+    with pytest.raises(StudyError, match="line 3: 2 cells, expected 28"):
         read_facts(path)
     path.write_text("a,b\n")
     with pytest.raises(StudyError, match="got a,b, expected the columns variant,seed"):
