@@ -240,6 +240,7 @@ def test_published_prices_are_of_the_papers_deployment() -> None:
     facts = Facts("maml", "maml", t0=10, parts={}, training_robots=3, **pairs)  # type: ignore[arg-type]
     bill = published.price(facts, Energy())
     assert bill is not None
+    assert bill.sums_j == pytest.approx(dict.fromkeys(bill.sums_j, bill.total_j), rel=1e-12)
     assert bill.ml.total_j == pytest.approx(3524.0)  # 10 x 352.4 J
     assert bill.fl.total_j == pytest.approx(1724.1)  # 7 x 246.3 J
     others = ({"training_robots": 2}, {"robots": {1: 3, 2: 2}}, {"links": {1: 0, 2: 0}})
