@@ -27,11 +27,10 @@ PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 run: setup
 	@$(BIN)/jouleswarm run $(SCENARIO) $(ARGS)
 
-# What is set up for Flower and what the type checker does are as long, and neither keeps two cores busy. Nor do two
-# workers of pytest: many tests wait for other processes.
+# What is set up for Flower and what the type checker does are as long, and neither keeps two cores busy.
 test: $(VENV)/tested
 	@$(MAKE) --no-print-directory --jobs 2 checks flower
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 checks: $(VENV)/tested
 	$(BIN)/ruff check .
