@@ -17,8 +17,9 @@ from jouleswarm.learning.dqn import ran_away
 from jouleswarm.learning.networks import build_qnetwork, shapes_of, use_of
 from jouleswarm.report.report import report
 from jouleswarm.simulation import run_in_memory
-from jouleswarm.studies.arms import ran_away_note
-from tests.studies.made_up import task_fact
+from jouleswarm.studies.catalogue import kind_of
+from jouleswarm.studies.record import Record
+from tests.studies.made_up import meta_fact, task_fact
 
 LINE = """
 name = "line"
@@ -82,11 +83,17 @@ def test_the_report_says_it_before_all_else(write_run: Callable[..., Path], caps
     assert "task 1, in rounds 0 to 0, mean |Q| up to 8.2e+03, far beyond any return" in told
 
 
-def test_a_study_says_of_which_arms() -> None:
+def test_a_study_says_below_its_tables_of_which_arms() -> None:
     maml, plain = Arm("maml", "maml", 42), Arm("fl", "fl", 0)
-    facts = [task_fact(plain, 1, 9), task_fact(maml, 1, 9, ran_away=3), task_fact(maml, 2, 9)]
-    assert ran_away_note(facts[:1]) is None
-    assert ran_away_note(facts) == (
-        "Values ran away, beyond any return, in tasks of maml in 1 of 2: "
+    facts = [task_fact(plain, 1, 9, variant="base"), meta_fact(maml, variant="base")]
+    facts += [task_fact(maml, 1, 9, variant="base", ran_away=3), task_fact(maml, 2, 9, variant="base")]
+    record = Record(study="regimes", profile="compact", scenario=load_scenario("quick"), seeds=(1,), t0=42)
+    note = (
+        "Values ran away, beyond any return, in tasks of maml with base in 1 of 2: "
         "their rounds tell of this, and not of the method."
     )
+    (table,) = kind_of("regimes").outputs(facts, record).markdown["regimes"]
+    assert table.notes[-1] == note
+    calm = [fact.model_copy(update={"ran_away": 0}) for fact in facts]
+    (table,) = kind_of("regimes").outputs(calm, record).markdown["regimes"]
+    assert note not in table.notes

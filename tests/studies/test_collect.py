@@ -139,6 +139,14 @@ def test_r_is_noted_round_by_round_where_every_round_from_0_on_tells_it(run: Run
     assert fact(whole, "maml", 0).rewards == ""
 
 
+def test_rounds_of_robots_whose_values_ran_away_are_counted(run: Run) -> None:
+    far = [row.model_copy(update={"ran_away": 9e5}) if (row.agent, row.round) in {(1, 1), (2, 1), (1, 2)} else row
+           for row in run.rows]  # fmt: skip
+    away = Run(run.path, run.manifest, run.scenario, far, run.meter_rows, [], run.summary, [])
+    assert [fact(each, "fl", 1).ran_away for each in (run, away)] == [0, 3]
+    assert fact(away, "fl", 2).ran_away == 0  # robots 3 and 4
+
+
 def test_a_task_that_was_not_learned_stays_with_the_rounds_it_ran(run: Run) -> None:
     found = fact(run, "fl", 2)
     assert (found.learned, found.rounds, found.rounds_first, found.rounds_w3) == (False, 4, 4, 4)
